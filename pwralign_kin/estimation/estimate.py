@@ -1,0 +1,166 @@
+"""The result of an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.se3 import Array, quaternion_xyzw
+from pwralign_kin.state import State
+
+
+@dataclass(frozen=True)
+class PartEstimate:
+    """One rigid part after the estimate."""
+
+    T_scan_part: Array
+    """(4, 4) placement of the part's frame (the frame of the link it is named after) in the scan frame."""
+
+    residual: float
+    """Root mean square distance of the part's scan points to its surface, m; NaN without points."""
+
+    points: int
+    """Number of scan points that lie on the part."""
+
+    support: float
+    """Share of the part's surface that should be seen and is, in [0, 1]; NaN for a part without geometry."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another answer that was found, distinct from the best one."""
+
+    state: State
+    cost: float
+    """Lower is better; comparable within one estimate."""
+
+    equal: bool
+    """Whether the scan cannot tell it from the best answer (interchangeable limbs, symmetry)."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What `pwralign_kin.estimate` returns."""
+
+    state: State
+    """The best answer: base placement and every actuated joint's value."""
+
+    cost: float
+    """Cost of the best answer, on the scale of `alternatives`."""
+
+    confidence: float
+    """In [0, 1]: how far the evidence speaks for this answer."""
+
+    inlier_rmse: float
+    """Root mean square distance of the explained scan points to the model, m."""
+
+    scan_coverage: float
+    """Share of the scan points that the model explains."""
+
+    model_support: float
+    """Share of the model surface that should be seen and is."""
+
+    parts: Mapping[str, PartEstimate]
+    """Per part: placement, residual, points, support."""
+
+    scan_labels: NDArray[np.int64]
+    """(n,) for every point given: index of the part it lies on, in the order of `parts`; -1 = not the model's."""
+
+    undetermined: tuple[str, ...]
+    """Joints that the scan does not tell; they keep their prior value."""
+
+    std: Mapping[str, float]
+    """Standard deviation of each joint value, rad or m; infinite where undetermined."""
+
+    covariance: Array
+    """(6 + k, 6 + k) covariance of base twist (rotation, translation; rad and m, scan frame axes, about the base's
+    origin) and of the k joints in the order of `state.joints`. Rows of undetermined joints are zero."""
+
+    alternatives: tuple[Alternative, ...]
+    """The next-best distinct answers, best first."""
+
+    converged: bool
+    """Whether the joint least squares met its step tolerance."""
+
+    iterations: int
+    """Iterations of the joint least squares."""
+
+    timings: Mapping[str, float]
+    """Seconds per stage, in order."""
+
+    options: Mapping[str, Any]
+    """The options that the estimate ran with, as nested plain values."""
+
+    units: Mapping[str, str]
+    """Unit of each joint value: "rad" or "m"."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a JSON-ready summary: the state and all the figures, without the arrays per point."""
+
+        def number(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        return {
+            **self.state.to_dict(),
+            "units": dict(self.units),
+            "confidence": self.confidence,
+            "cost": self.cost,
+            "inlier_rmse": number(self.inlier_rmse),
+            "scan_coverage": self.scan_coverage,
+            "model_support": self.model_support,
+            "undetermined": list(self.undetermined),
+            "std": {name: number(value) for name, value in self.std.items()},
+            "parts": {
+                name: {
+                    "T_scan_part": part.T_scan_part.tolist(),
+                    "residual": number(part.residual),
+                    "points": part.points,
+                    "support": number(part.support),
+                }
+                for name, part in self.parts.items()
+            },
+            "alternatives": [
+                {**other.state.to_dict(), "cost": other.cost, "equal": other.equal} for other in self.alternatives
+            ],
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "timings": dict(self.timings),
+            "options": dict(self.options),
+        }
+
+    def __str__(self) -> str:
+        """Return a table of joints and parts, worth reading."""
+        x, y, z = self.state.T_scan_base[:3, 3]
+        quaternion = " ".join(f"{v:.4f}" for v in quaternion_xyzw(self.state.T_scan_base))
+        width = max([len("joint"), *map(len, self.state.joints)])
+        lines = [
+            f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
+            f"support {self.model_support:.1%} of the visible model   inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
+            f"base {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            "",
+            f"{'joint':{width}}       value         std",
+        ]
+        for name, value in self.state.joints.items():
+            angular = self.units[name] == "rad"
+            shown = f"{np.degrees(value):9.2f} deg" if angular else f"{1e3 * value:9.2f} mm "
+            if name in self.undetermined:
+                doubt = "undetermined"
+            else:
+                doubt = f"{np.degrees(self.std[name]):8.3f} deg" if angular else f"{1e3 * self.std[name]:8.3f} mm"
+            lines.append(f"{name:{width}} {shown} {doubt}")
+        part_width = max([len("part"), *map(len, self.parts)])
+        lines += ["", f"{'part':{part_width}}  points  residual  support"]
+        for name, part in self.parts.items():
+            if np.isfinite(part.support):
+                residual = f"{1e3 * part.residual:6.2f} mm" if np.isfinite(part.residual) else "        -"
+                lines.append(f"{name:{part_width}}  {part.points:6d} {residual}  {part.support:6.0%}")
+        if self.alternatives:
+            equal = sum(other.equal for other in self.alternatives)
+            best = self.alternatives[0].cost
+            lines += ["", f"{len(self.alternatives)} other answers, {equal} of them equal; best cost {best:.4f} against {self.cost:.4f}"]
+        lines.append(f"{'converged' if self.converged else 'NOT converged'} in {self.iterations} iterations, {sum(self.timings.values()):.2f} s")
+        return "\n".join(lines)

@@ -1,0 +1,96 @@
+"""Every error a user can cause: one base class, subclasses that carry the offending value and the way out.
+
+The command line turns a `PwralignError` into one line on stderr; anything else is a defect of the library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+
+class PwralignError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+class ModelError(PwralignError):
+    """The URDF cannot be used. `path` is the file; `faults` lists every fault found, not only the first."""
+
+    def __init__(self, path: Path | str, faults: str | Iterable[str]) -> None:
+        self.path = Path(path)
+        self.faults = (faults,) if isinstance(faults, str) else tuple(faults)
+        super().__init__(f"{self.path}: " + "; ".join(self.faults))
+
+
+class MissingMeshError(ModelError):
+    """Meshes named by the URDF are not found. `meshes` maps the name in the URDF to the paths tried."""
+
+    def __init__(self, path: Path | str, meshes: dict[str, list[Path]]) -> None:
+        self.meshes = meshes
+        names = ", ".join(meshes)
+        tried = next(iter(meshes.values()))
+        where = " or ".join(str(p) for p in tried) if tried else "nowhere: its package is in no package folder"
+        super().__init__(
+            path,
+            f"{len(meshes)} missing mesh{'es' if len(meshes) > 1 else ''}: {names} (looked for the first at {where}); "
+            "name the folders that contain its packages with package_dirs / --package-dir",
+        )
+
+
+class ScanError(PwralignError):
+    """The scan cannot be used. `source` is the file or a word for the array."""
+
+    def __init__(self, source: Path | str, fault: str) -> None:
+        self.source = source
+        self.fault = fault
+        super().__init__(f"{source}: {fault}")
+
+
+class UnitError(ScanError):
+    """The scan seems to be in another unit than metres. `scale` converts it to metres."""
+
+    def __init__(self, source: Path | str, fault: str, scale: float) -> None:
+        self.scale = scale
+        super().__init__(source, fault)
+
+
+class StateError(PwralignError):
+    """A state (placement and joint values) is malformed or does not fit the model."""
+
+
+class UnknownNameError(PwralignError):
+    """A joint, link or part name does not exist. `name` is the offender, `valid` what would have been right."""
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.name = name
+        self.valid = tuple(valid)
+        close = get_close_matches(name, self.valid, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else "valid: " + ", ".join(self.valid)
+        super().__init__(f"no {kind} named {name!r}; {hint}")
+
+
+class CorrespondenceError(PwralignError):
+    """Correspondences from outside are malformed."""
+
+    def __init__(self, source: Path | str, fault: str) -> None:
+        self.source = source
+        self.fault = fault
+        super().__init__(f"{source}: {fault}")
+
+
+class ExportError(PwralignError):
+    """An output cannot be written. `path` is the file or folder."""
+
+    def __init__(self, path: Path | str, fault: str) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: {fault}")
+
+
+class DependencyError(PwralignError):
+    """A library that is needed here is not installed or does not load. `remedy` is the command that mends it."""
+
+    def __init__(self, what: str, remedy: str) -> None:
+        self.what = what
+        self.remedy = remedy
+        super().__init__(f"{what}; run: {remedy}")

@@ -1,0 +1,125 @@
+"""Rigid placements as (4, 4) arrays: exponential, logarithm, and the one place where quaternion order is converted.
+
+`T_a_b` maps coordinates of frame b into frame a. Twists are (6,): rotation vector first, then translation.
+Quaternions are xyzw everywhere in this package (as in Pinocchio, SciPy and ROS).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import StateError
+
+Array = NDArray[np.float64]
+
+
+def skew(v: Array) -> Array:
+    """Return the (3, 3) matrix of the cross product with `v` (3,)."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def rotation_about(axis: Array, angle: float) -> Array:
+    """Return the (3, 3) rotation by `angle` (rad) about the unit `axis` (3,) (Rodrigues' formula)."""
+    K = skew(axis)
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
+
+
+def inverse(T: Array) -> Array:
+    """Return the inverse of placements `T` (..., 4, 4)."""
+    out = np.zeros_like(T)
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, :3] = R_t
+    out[..., :3, 3] = -(R_t @ T[..., :3, 3, None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def transform(T: Array, points: Array) -> Array:
+    """Map `points` (n, 3) by the placement `T` (4, 4)."""
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+
+
+def exp(twist: Array) -> Array:
+    """Return the placement reached by rotating by `twist[:3]` (rad) and translating by `twist[3:]`.
+
+    Rotation and translation are decoupled (R = exp(w), t = v): the retraction of the least-squares steps.
+    """
+    T = np.eye(4)
+    angle = float(np.linalg.norm(twist[:3]))
+    if angle > 0.0:
+        T[:3, :3] = rotation_about(twist[:3] / angle, angle)
+    T[:3, 3] = twist[3:]
+    return T
+
+
+def rotation_angle(R: Array) -> float:
+    """Return the angle (rad) of the rotation `R` (3, 3)."""
+    sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    return float(np.arctan2(sine, (np.trace(R) - 1.0) / 2.0))
+
+
+def log(T: Array) -> Array:
+    """Return the twist (6,) with `exp(twist) == T`."""
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
+
+
+def orthonormalised(T: Array) -> Array:
+    """Return `T` (4, 4) with its rotation replaced by the nearest one (polar decomposition)."""
+    U, _, Vt = np.linalg.svd(T[:3, :3])
+    out = np.eye(4)
+    out[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    out[:3, 3] = T[:3, 3]
+    return out
+
+
+def checked_placement(value: Any, name: str) -> Array:
+    """Return `value` as an exactly rigid (4, 4) placement.
+
+    Raises `StateError` when it is not a finite 4x4 matrix whose rotation is orthonormal within 1e-3.
+    """
+    try:
+        T = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise StateError(f"{name} is not a 4x4 matrix of numbers: {error}") from None
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise StateError(f"{name} must be a finite 4x4 matrix, got shape {T.shape}")
+    rigid = orthonormalised(T)
+    if np.abs(rigid - T).max() > 1e-3:
+        raise StateError(f"{name} is not a rigid placement: its rotation is not orthonormal or its last row not 0 0 0 1")
+    return rigid
+
+
+def from_quaternion(translation: Array, xyzw: Array) -> Array:
+    """Return the placement with `translation` (3,) and the quaternion `xyzw` (4,), normalised here.
+
+    Raises `StateError` for a zero or non-finite quaternion.
+    """
+    from scipy.spatial.transform import Rotation
+
+    q = np.asarray(xyzw, dtype=np.float64)
+    if q.shape != (4,) or not np.isfinite(q).all() or np.linalg.norm(q) < 1e-9:
+        raise StateError(f"quaternion x y z w must be four finite numbers, not all zero, got {np.asarray(xyzw).tolist()}")
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(q).as_matrix()
+    T[:3, 3] = translation
+    return T
+
+
+def quaternion_xyzw(T: Array) -> Array:
+    """Return the unit quaternion xyzw (4,) of the placement `T`, with w >= 0."""
+    from scipy.spatial.transform import Rotation
+
+    q = np.asarray(Rotation.from_matrix(T[:3, :3]).as_quat())
+    return -q if q[3] < 0 else q
+
+
+def roll_pitch_yaw(T: Array) -> Array:
+    """Return URDF's rpy (3,) of the placement `T`: fixed-axis roll, pitch, yaw (rad)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(T[:3, :3]).as_euler("xyz"))

@@ -1,0 +1,80 @@
+"""The state of an articulated model: where its base is and what every joint's value is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pwralign_kin import files
+from pwralign_kin.exceptions import StateError
+from pwralign_kin.se3 import Array, checked_placement
+
+
+@dataclass(frozen=True)
+class State:
+    """Base placement and joint values by name.
+
+    The same type is the initial guess, the truth of a simulated scan, and one frame of a track.
+    Raises `StateError` for a placement that is not rigid or a joint value that is not a finite number.
+    """
+
+    T_scan_base: Array = field(default_factory=lambda: np.eye(4))
+    """(4, 4) placement of `base_link` in the scan frame, translation in m."""
+
+    joints: Mapping[str, float] = field(default_factory=dict)
+    """Value of each actuated joint by name, rad or m."""
+
+    base_link: str | None = None
+    """The link that `T_scan_base` places; None means the root link of the URDF."""
+
+    def __post_init__(self) -> None:
+        """Check and copy the fields, so that a state never changes."""
+        T = checked_placement(self.T_scan_base, "T_scan_base")
+        T.flags.writeable = False
+        object.__setattr__(self, "T_scan_base", T)
+        joints: dict[str, float] = {}
+        for name, value in dict(self.joints).items():
+            try:
+                joints[str(name)] = float(value)
+            except (TypeError, ValueError):
+                raise StateError(f"joint {name!r} has no number as its value: {value!r}") from None
+            if not np.isfinite(joints[str(name)]):
+                raise StateError(f"joint {name!r} has a value that is not finite: {value!r}")
+        object.__setattr__(self, "joints", joints)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of `state.json`."""
+        return {"base_link": self.base_link, "T_scan_base": self.T_scan_base.tolist(), "joints": dict(self.joints)}
+
+    @classmethod
+    def from_dict(cls, content: Any, source: str = "state") -> State:
+        """Read the content of a `state.json`; raises `StateError` naming `source` and what is wrong."""
+        if not isinstance(content, dict) or "T_scan_base" not in content:
+            raise StateError(f"{source}: expected an object with base_link, T_scan_base and joints")
+        joints = content.get("joints", {})
+        if not isinstance(joints, dict):
+            raise StateError(f"{source}: joints must be an object of name: value, got {type(joints).__name__}")
+        try:
+            return cls(T_scan_base=content["T_scan_base"], joints=joints, base_link=content.get("base_link"))
+        except StateError as error:
+            raise StateError(f"{source}: {error}") from None
+
+    @classmethod
+    def load(cls, path: Path | str) -> State:
+        """Read a `state.json`; raises `StateError` when it is missing, unreadable or malformed."""
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise StateError(f"{path}: cannot read: {error.strerror}") from None
+        except ValueError as error:
+            raise StateError(f"{path}: not JSON: {error}") from None
+        return cls.from_dict(content, str(path))
+
+    def save(self, path: Path | str) -> None:
+        """Write a `state.json`, whole or not at all; raises `ExportError`."""
+        files.write_text(path, json.dumps(self.to_dict(), indent=2) + "\n")
