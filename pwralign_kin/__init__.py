@@ -1,0 +1,49 @@
+"""Articulated-model pose estimation: a URDF and a scan in, base placement and every joint value out."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pwralign_kin.estimation import Alternative, Estimate, EstimatorOptions, PartEstimate, estimate
+    from pwralign_kin.exceptions import PwralignError
+    from pwralign_kin.model import ArticulatedModel
+    from pwralign_kin.scan import Scan
+    from pwralign_kin.simulation import Sensor, simulate
+    from pwralign_kin.state import State
+
+_HOME = {
+    "Alternative": "estimation",
+    "ArticulatedModel": "model",
+    "Estimate": "estimation",
+    "EstimatorOptions": "estimation",
+    "PartEstimate": "estimation",
+    "PwralignError": "exceptions",
+    "Scan": "scan",
+    "Sensor": "simulation",
+    "State": "state",
+    "estimate": "estimation",
+    "simulate": "simulation",
+}
+
+__all__ = [
+    "Alternative",
+    "ArticulatedModel",
+    "Estimate",
+    "EstimatorOptions",
+    "PartEstimate",
+    "PwralignError",
+    "Scan",
+    "Sensor",
+    "State",
+    "estimate",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import public names on first use, so that `pwralign --help` loads none of the heavy libraries."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

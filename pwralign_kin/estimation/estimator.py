@@ -1,0 +1,280 @@
+"""The whole estimate: observe, hypothesise, grow, refine, repair, solve, judge."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.estimate import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.observation import Observation, observe
+from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.repair import repair
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.uncertainty import Doubt, doubt
+from pwralign_kin.exceptions import UnknownNameError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import Array
+from pwralign_kin.state import State
+
+WARM_SIGMAS = (0.03, 0.06, 0.1)
+"""Robust scales (model diagonals) that a guess is refined from."""
+UNCONVINCING = 0.04
+"""A guess whose refinement leaves this share of the scan unexplained is checked against a search without it."""
+NEAR_TIE = 0.08
+"""Solutions within this score of the best are refined to the end and compared again."""
+EQUAL = 0.01
+"""Score within which the scan cannot tell two answers apart."""
+
+
+def estimate(
+    model: ArticulatedModel,
+    scan: Scan,
+    initial: State | None = None,
+    options: EstimatorOptions | None = None,
+) -> Estimate:
+    """Estimate base placement and joint values of `model` in `scan`.
+
+    `initial` is a guess to start from; without one the whole space is searched. Raises `ScanError` when the scan
+    holds too little at the model's scale, `StateError` or `UnknownNameError` when the guess does not fit the model.
+    """
+    return Estimator(model, options or EstimatorOptions()).run(scan, initial)
+
+
+@dataclass
+class Stopwatch:
+    """Seconds per stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of the block to the stage `name`."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+class Estimator:
+    """The pipeline for one model and one set of options."""
+
+    def __init__(self, model: ArticulatedModel, options: EstimatorOptions) -> None:
+        """Check the option's joint names against the model. Raises `UnknownNameError`."""
+        for name in (*options.locked, *options.prior):
+            if name not in model.joint_names:
+                raise UnknownNameError("joint", name, model.joint_names)
+        self.model = model
+        self.options = options
+        self.threads = options.threads or os.cpu_count() or 1
+        self.slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
+        self.unit = np.where(self.slide, model.diagonal, 1.0)
+
+    def run(self, scan: Scan, initial: State | None) -> Estimate:
+        """Return the estimate of one scan."""
+        watch = Stopwatch()
+        prior = self.model.values({**self.options.prior, **(initial.joints if initial else {})}) / self.unit
+        lower, upper = self._bounds(prior)
+        with watch.stage("observe"):
+            observation = observe(scan, self.model.diagonal, self.options.observation, self.threads)
+            search = self._search(observation, prior, lower, upper)
+        if initial is None:
+            solutions = self._global(search, watch)
+        else:
+            solutions = self._from_guess(search, self.model.root_placement(initial), prior, watch)
+        with watch.stage("finish"):
+            finished = self._finish(search, solutions)
+        with watch.stage("least squares"):
+            solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
+            solution = self._solve(solver, finished)
+            judged, solution = self._judge(search, solver, solution, prior, lower, upper)
+        with watch.stage("report"):
+            return self._report(scan, search, finished, solution, judged, watch)
+
+    def _bounds(self, prior: Array) -> tuple[Array, Array]:
+        """Return the joint limits in search units; a locked joint's limits are its prior value."""
+        locked = np.isin(self.model.joint_names, self.options.locked)
+        lower, upper = self.model.lower / self.unit, self.model.upper / self.unit
+        return np.where(locked, prior, lower), np.where(locked, prior, upper)
+
+    def _search(self, observation: Observation, prior: Array, lower: Array, upper: Array) -> TreeSearch:
+        native = self.model.kernel_model
+        if self.options.locked:
+            native = native.restricted(lower, upper)
+        neutral = np.clip(prior, lower, upper)
+        return TreeSearch(native, self.model.surfaces, observation, neutral, self.options.search, self.threads)
+
+    def _global(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
+        """Search without a guess."""
+        with watch.stage("hypotheses"):
+            parts, placements = search.part_hypotheses(self.options.seed)
+        with watch.stage("growth"):
+            grown = search.scored(search.grow(parts, placements))[0].best_first()
+        with watch.stage("refinement"):
+            many = len(search.exists) > search.options.many_parts
+            kept = grown.take(slice(search.options.refined + many * search.options.more_refined))
+            refined = search.scored(search.refined(kept))[0]
+        with watch.stage("repair"):
+            return repair(search, refined, self.options.repair, turn=True)
+
+    def _from_guess(self, search: TreeSearch, T_scan_base: Array, prior: Array, watch: Stopwatch) -> Candidates:
+        """Refine a guess from several scales, repair it; search as well where it leaves much unexplained."""
+        start = Candidates(
+            search.observation.to_search(T_scan_base)[None], prior[None].copy(), np.zeros(1, np.float32)
+        )
+        with watch.stage("refinement"):
+            starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
+            refined = search.scored(Candidates.concatenate(starts))[0]
+        with watch.stage("repair"):
+            solutions = repair(search, refined, self.options.repair, turn=False)
+        if search.unexplained(solutions.take([0])) > UNCONVINCING:
+            solutions = search.distinct(
+                Candidates.concatenate([solutions, self._global(search, watch)]), self.options.repair.solutions
+            )
+        return solutions
+
+    def _finish(self, search: TreeSearch, solutions: Candidates) -> Candidates:
+        """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
+        near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
+        points = search.options.fine_points
+        fine = search.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        if not search.observation.single_view:
+            # Parts that the scan lacks must not be pulled to their neighbours' points.
+            absent = search.exists & (search.scored(fine)[1] < 0.2)
+            again = absent.any(axis=1)
+            if again.any():
+                weights = np.ascontiguousarray(search.weights * ~absent[again], np.float32)
+                mended = search.refined(
+                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
+                )
+                fine.bases[again], fine.values[again] = mended.bases, mended.values
+        tight = 0.012 + 1.5 * min(search.observation.noise, 0.012)
+        total = search.scored(fine)[0].scores + search.scored(fine, tight)[0].scores
+        return Candidates(fine.bases, fine.values, total).best_first()
+
+    def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
+        base, values = finished.bases[0], finished.values[0]
+        if not self.options.least_squares.enabled:
+            return Solution(base, values, solver.build(base, values), True, 0)
+        return solver.run(base, solver.limited(values))
+
+    def _judge(
+        self,
+        search: TreeSearch,
+        solver: JointLeastSquares,
+        solution: Solution,
+        prior: Array,
+        lower: Array,
+        upper: Array,
+    ) -> tuple[Doubt, Solution]:
+        """Find undetermined joints and set them to their prior where that costs nothing."""
+        locked = upper <= lower
+        noise = max(search.observation.noise, 1e-3)
+        judged = doubt(solution.problem, self.slide, locked, noise)
+        return judged, solution
+
+    def _report(
+        self,
+        scan: Scan,
+        search: TreeSearch,
+        finished: Candidates,
+        solution: Solution,
+        judged: Doubt,
+        watch: Stopwatch,
+    ) -> Estimate:
+        model, observation = self.model, search.observation
+        final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
+        scored, support = search.scored(final)
+        coverage = float(search.coverage(final)[0])
+        state = self._state(observation, solution.base, solution.values)
+        T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
+        labels, distances = self._labels(scan, search, observation.to_search(T_scan_parts))
+        explained = labels >= 0
+        names = model.joint_names
+        variances = np.diag(judged.covariance)[6:] * self.unit**2
+        std = np.where(judged.undetermined, np.inf, np.sqrt(variances))
+        scale = np.concatenate([np.ones(3), np.full(3, model.diagonal), self.unit])
+        seen_weight = search.weights * search.exists
+        return Estimate(
+            state=state,
+            cost=-float(finished.scores[0]),
+            confidence=self._confidence(coverage, support[0], search, finished),
+            inlier_rmse=_rms(distances[explained]),
+            scan_coverage=float(explained.mean()),
+            model_support=float(np.clip(1 + support[0] if observation.single_view else support[0], 0, 1) @ seen_weight),
+            parts={
+                part.name: PartEstimate(
+                    T_scan_part=T_scan_parts[i],
+                    residual=_rms(distances[labels == i]),
+                    points=int((labels == i).sum()),
+                    support=self._support(support[0, i], observation) if search.exists[i] else float("nan"),
+                )
+                for i, part in enumerate(model.parts)
+            },
+            scan_labels=_per_input(labels, scan),
+            undetermined=tuple(name for name, is_so in zip(names, judged.undetermined, strict=True) if is_so),
+            std=dict(zip(names, std.tolist(), strict=True)),
+            covariance=judged.covariance * np.outer(scale, scale),
+            alternatives=tuple(
+                Alternative(
+                    self._state(observation, finished.bases[i], finished.values[i]),
+                    -float(finished.scores[i]),
+                    bool(finished.scores[0] - finished.scores[i] < EQUAL),
+                )
+                for i in range(1, len(finished))
+            ),
+            converged=solution.converged,
+            iterations=solution.iterations,
+            timings=dict(watch.seconds),
+            options=asdict(self.options),
+            units={name: model.units[name] for name in names},
+        )
+
+    def _state(self, observation: Observation, base: Array, values: Array) -> State:
+        joints = np.clip(values * self.unit, self.model.lower, self.model.upper)
+        return State(
+            T_scan_base=observation.to_scan(base),
+            joints=dict(zip(self.model.joint_names, joints.tolist(), strict=True)),
+            base_link=self.model.root_link,
+        )
+
+    def _labels(self, scan: Scan, search: TreeSearch, placements: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return per kept scan point the part it lies on (-1: none) and its distance (m)."""
+        reach = 0.02 + 2 * search.observation.noise
+        distance, part, _ = search.native.assign(
+            search.observation.scaled(scan.points), np.ascontiguousarray(placements), search.exists.astype(np.uint8), reach
+        )
+        return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
+
+    @staticmethod
+    def _support(value: float, observation: Observation) -> float:
+        return float(np.clip(1 + value if observation.single_view else value, 0, 1))
+
+    @staticmethod
+    def _confidence(
+        coverage: float, support: NDArray[np.float32], search: TreeSearch, finished: Candidates
+    ) -> float:
+        """Return how far the evidence speaks for the answer: explained scan, supported model, margin to the next."""
+        seen = float(np.clip(1 + support if search.observation.single_view else support, 0, 1) @ search.weights)
+        rivals = finished.scores[0] - finished.scores[1:]
+        margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
+        logit = 10 * (coverage - 0.6) + 6 * (seen - 0.6) + min(4.0, 10 * margin) - 1
+        return float(1 / (1 + np.exp(-logit)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+def _per_input(labels: NDArray[np.int64], scan: Scan) -> NDArray[np.int64]:
+    """Spread labels of kept points to all points given; dropped points are nobody's."""
+    out = np.full(scan.n_input, -1, np.int64)
+    out[scan.source_index] = labels
+    return out

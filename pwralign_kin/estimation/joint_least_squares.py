@@ -1,0 +1,157 @@
+"""The last word of an estimate: one bounded least-squares problem over base and joints together.
+
+Robust correspondences of all parts are reduced to one 6x6 information matrix and one 6-vector a part, in twist space
+about the base's origin. Pinocchio's Jacobians J_k map base twist and joint increments to part twists, so that the
+problem is  min 1/2 x' (sum J_k' H_k J_k) x - (sum J_k' g_k)' x  within the joint limits, whatever the number of
+points. CasADi solves it; a new set of correspondences follows each step (Gauss-Newton with reweighting).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import se3
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
+
+
+@dataclass(frozen=True)
+class LeastSquaresOptions:
+    """How the joint least squares runs. Lengths in model diagonals."""
+
+    enabled: bool = True
+    """Off: the answer of the batch refinement stands."""
+    bounds: bool = True
+    """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
+    iterations: int = 15
+    points: int = 4000
+    """Scan points that take part."""
+    support_weight: float = 0.2
+    """Weight of model samples pulled by the scan, against scan points pulled by the model."""
+    reach: float = 3.0
+    """Correspondences farther than this many robust scales do not count."""
+    damping: float = 1e-6
+    most_turn: float = 0.1
+    """Largest step of a rotation, rad."""
+    tolerance: float = 2e-5
+    """Largest step (rad, model diagonals) of a converged solution."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The reduced problem at one configuration, in search units."""
+
+    H: Array
+    """(6 + k, 6 + k) normal matrix over base twist (rotation, translation) and joint increments."""
+    g: Array
+    """(6 + k,) right-hand side."""
+    part_H: Array
+    """(parts, 6, 6) information of every part in twist space."""
+    J: Array
+    """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
+    counts: NDArray[np.int32]
+    """(parts,) correspondences per part."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The configuration at the end, in search units."""
+
+    base: Array
+    values: Array
+    problem: Problem
+    """The problem at the end, for the covariance."""
+    converged: bool
+    iterations: int
+
+
+class JointLeastSquares:
+    """Base and joints of one model fitted to one observed scan."""
+
+    def __init__(
+        self, model: ArticulatedModel, search: TreeSearch, lower: Array, upper: Array, options: LeastSquaresOptions
+    ) -> None:
+        """Take the bounds `lower`, `upper` (k,) of the actuated joints in search units; equal bounds lock a joint."""
+        self.model = model
+        self.search = search
+        self.lower = lower
+        self.upper = upper
+        self.options = options
+        slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
+        self.unit = np.where(slide, model.diagonal, 1.0)
+
+    def build(self, base: Array, values: Array) -> Problem:
+        """Return the problem linearised at a configuration."""
+        metres = values * self.unit
+        placements = self.model.part_placements(metres)
+        R = base[:3, :3]
+        # Pinocchio gives the velocity of each part's own origin; twists are about the base's origin here.
+        J = self.model.part_jacobians(metres)
+        angular, linear = J[:, :3], J[:, 3:] - np.cross(J[:, :3], placements[:, :3, 3, None], axis=1)
+        joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.unit
+        full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
+        placed = placements.copy()
+        placed[:, :3, 3] /= self.model.diagonal
+        part_H, part_g, counts = self.search.native.normal_equations(
+            np.ascontiguousarray(base @ placed), self.options.points, self.search.sigma,
+            self.options.reach * self.search.sigma, self.options.support_weight * self.search.options.two_way,
+            self.search.weights,
+        )  # fmt: skip
+        H = np.einsum("pia,pij,pjb->ab", full, part_H, full)
+        g = np.einsum("pia,pi->a", full, part_g)
+        return Problem(H, g, part_H, full, counts)
+
+    def solve(self, problem: Problem, values: Array) -> Array:
+        """Return the bounded step (6 + k,)."""
+        size = len(problem.g)
+        H = problem.H + np.diag(self.options.damping + 1e-4 * np.diag(problem.H))
+        low = np.full(size, -self.options.most_turn)
+        high = np.full(size, self.options.most_turn)
+        if self.options.bounds:
+            # A joint that wraps has no wall at its limits, unless it is locked.
+            free = self.model.continuous & (self.upper > self.lower)
+            low[6:] = np.maximum(low[6:], np.where(free, -np.inf, self.lower - values))
+            high[6:] = np.minimum(high[6:], np.where(free, np.inf, self.upper - values))
+        result = _quadratic_program(size)(h=H, g=-problem.g, lbx=np.minimum(low, high), ubx=high)
+        return np.asarray(result["x"], dtype=np.float64).ravel()
+
+    def run(self, base: Array, values: Array) -> Solution:
+        """Iterate from a configuration to convergence."""
+        base, values = base.copy(), values.copy()
+        converged = False
+        iteration = 0
+        problem = self.build(base, values)
+        for iteration in range(1, self.options.iterations + 1):
+            step = self.solve(problem, values)
+            move = se3.exp(step[:6])
+            base[:3, :3] = move[:3, :3] @ base[:3, :3]
+            base[:3, 3] += move[:3, 3]
+            values = self.limited(values + step[6:])
+            problem = self.build(base, values)
+            if np.abs(step).max() < self.options.tolerance:
+                converged = True
+                break
+        return Solution(se3.orthonormalised(base), values, problem, converged, iteration)
+
+    def limited(self, values: Array) -> Array:
+        """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""
+        span = self.upper - self.lower
+        wraps = self.model.continuous & (span > 0)
+        turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
+        return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+@lru_cache(maxsize=64)
+def _quadratic_program(size: int) -> Any:
+    """Return CasADi's solver of a dense quadratic program with simple bounds."""
+    import casadi
+
+    return casadi.conic(
+        "step", "daqp", {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)}, {"error_on_fail": False}
+    )

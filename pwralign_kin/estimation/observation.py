@@ -1,0 +1,195 @@
+"""A scan made ready for the search: downsampled, cleaned of strays and tables, with oriented normals and its field.
+
+Lengths are in units of the model's diagonal, about the centre of the scan, in which all scales of the search are
+stated. `Observation.to_scan` and `to_search` convert placements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import Array
+
+Float = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ObservationOptions:
+    """How a scan is prepared. Lengths in model diagonals."""
+
+    voxel: float = 0.01
+    """Cell of the downsampling."""
+    normal_radius: float = 0.03
+    """Neighbourhood of a normal, widened to `neighbour_spacings` point spacings where the scan is sparse."""
+    neighbour_spacings: float = 1.6
+    noisy: float = 0.006
+    """Noise above which normals use `noisy_radius` and points are pulled onto their local plane."""
+    noisy_radius: float = 0.05
+    pull: float = 0.8
+    """Share of the way to the local plane that points of a noisy scan move."""
+    stray_distance: float = 0.06
+    """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
+    stray_spacings: float = 4.0
+    remove_planes: bool = True
+    """Whether a plane wider than the model (a table, a floor) is removed; scans with a sensor origin keep theirs."""
+    plane_tolerance: float = 0.015
+    plane_share: float = 0.15
+    """Least share of the scan that such a plane holds."""
+    plane_spread: float = 0.3
+    """Least standard deviation of its points along both of its directions: no face of the model is that wide."""
+    field_cell: float = 0.0125
+    field_truncation: float = 0.06
+    shadow: float = 0.45
+    """How far behind a seen surface space counts as occluded."""
+    depth_pixel: float = 0.011
+    depth_tolerance: float = 0.02
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A prepared scan."""
+
+    points: Float
+    """(m, 3) downsampled points."""
+    normals: Float
+    """(m, 3) unit normals, towards the sensor or the open side."""
+    spacing: float
+    """Median distance of a point to its sixth neighbour."""
+    noise: float
+    """Median standard deviation of the points from their local planes."""
+    sensor_origin: Float | None
+    """(3,) where the whole scan was seen from one place, else None."""
+    field: Any
+    """`kernels.ScanField`."""
+    centre: Array
+    """(3,) in the scan frame, m."""
+    diagonal: float
+    """The unit of length, m."""
+
+    @property
+    def single_view(self) -> bool:
+        """Whether free and occluded space are known."""
+        return self.sensor_origin is not None
+
+    @property
+    def area_per_point(self) -> float:
+        """Surface area that one point stands for: a disc of its sixth neighbour's radius holds seven points."""
+        return float(np.pi * self.spacing**2 / 7)
+
+    def to_search(self, T: Array) -> Array:
+        """Convert placements (..., 4, 4) of the scan frame (m) to the search's centred, scaled frame."""
+        out = np.array(T, dtype=np.float64)
+        out[..., :3, 3] = (out[..., :3, 3] - self.centre) / self.diagonal
+        return out
+
+    def to_scan(self, T: Array) -> Array:
+        """Convert placements (..., 4, 4) of the search's frame to the scan frame (m)."""
+        out = np.array(T, dtype=np.float64)
+        out[..., :3, 3] = out[..., :3, 3] * self.diagonal + self.centre
+        return out
+
+    def scaled(self, points: Array) -> Float:
+        """Convert points (n, 3) of the scan frame (m) to the search's frame."""
+        return np.ascontiguousarray((points - self.centre) / self.diagonal, np.float32)
+
+
+def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: int) -> Observation:
+    """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
+    centre = np.asarray(scan.points.mean(axis=0))
+    raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+    origin = _common_origin(scan, centre, diagonal)
+    if options.remove_planes and origin is None:
+        raw = _without_wide_plane(raw, options, threads)
+    points, _, _ = kernels.voxel_means(raw, options.voxel)
+    points, spacing = _without_strays(points, options)
+    if len(points) < 20:
+        raise ScanError("scan", f"only {len(points)} points are left at the model's scale; is the scan of this model?")
+    radius = max(options.normal_radius, options.neighbour_spacings * spacing)
+    normals, means, variance, _ = kernels.local_planes(points, radius, threads)
+    noise = float(np.sqrt(np.median(variance)))
+    if noise > options.noisy:
+        radius = max(options.noisy_radius, options.neighbour_spacings * spacing)
+        normals, means, _, _ = kernels.local_planes(points, radius, threads)
+        offset = np.einsum("ij,ij->i", points - means, normals)
+        points = np.ascontiguousarray(points - options.pull * offset[:, None] * normals, np.float32)
+    normals = _oriented(points, normals, origin, scan, spacing, centre, diagonal, threads)
+    field = kernels.ScanField(
+        points, normals, options.field_cell, options.field_truncation,
+        [] if origin is None else [float(v) for v in origin],
+        raw if origin is not None else np.zeros((0, 3), np.float32),
+        options.depth_pixel, options.depth_tolerance, options.shadow,
+    )  # fmt: skip
+    return Observation(points, normals, spacing, noise, origin, field, centre, diagonal)
+
+
+def _common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
+    """Return the sensor origin in search units if all points share it."""
+    origin = scan.sensor_origin
+    if origin is None:
+        return None
+    origins = np.atleast_2d(origin)
+    if np.ptp(origins, axis=0).max() > 1e-3 * diagonal:
+        return None
+    return np.asarray((origins[0] - centre) / diagonal, np.float32)
+
+
+def _without_wide_plane(points: Float, options: ObservationOptions, threads: int) -> Float:
+    """Remove the dominant plane if it is wider than any model face can be."""
+    coarse, _, _ = kernels.voxel_means(points, 2 * options.voxel)
+    normals = kernels.local_planes(coarse, 6 * options.voxel, threads)[0]
+    x, y, z, offset, inliers = kernels.dominant_plane(coarse, normals, options.plane_tolerance, 300, 0)
+    if inliers < options.plane_share * len(coarse):
+        return points
+    normal = np.array([x, y, z], np.float32)
+    on_plane = coarse[np.abs(coarse @ normal - offset) < options.plane_tolerance]
+    # A least-squares plane through the inliers of the minimal sample, which is only as good as one normal.
+    centre = on_plane.mean(axis=0)
+    _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
+    if singular[1] / np.sqrt(len(on_plane)) < options.plane_spread:
+        return points
+    return np.ascontiguousarray(points[np.abs((points - centre) @ axes[2]) > 1.2 * options.plane_tolerance])
+
+
+def _without_strays(points: Float, options: ObservationOptions) -> tuple[Float, float]:
+    """Return the points that have neighbours, and the median distance to the sixth."""
+    from scipy.spatial import cKDTree
+
+    if len(points) < 8:
+        return points, options.voxel
+    sixth = cKDTree(points).query(points, k=7)[0][:, 6]
+    kept = sixth < max(options.stray_distance, options.stray_spacings * float(np.median(sixth)))
+    if kept.sum() > 50:
+        points, sixth = points[kept], sixth[kept]
+    return np.ascontiguousarray(points), float(np.median(sixth))
+
+
+def _oriented(
+    points: Float,
+    normals: Float,
+    origin: Float | None,
+    scan: Scan,
+    spacing: float,
+    centre: Array,
+    diagonal: float,
+    threads: int,
+) -> Float:
+    """Turn normals towards the sensor, or without one towards the open side."""
+    if origin is not None:
+        towards = np.einsum("ij,ij->i", normals, origin - points)
+    elif scan.sensor_origin is not None:
+        from scipy.spatial import cKDTree
+
+        near = cKDTree((scan.points - centre) / diagonal).query(points)[1]
+        origins = (np.asarray(scan.sensor_origin)[near] - centre) / diagonal
+        towards = np.einsum("ij,ij->i", normals, origins - points)
+    else:
+        cell = max(0.025, 0.9 * spacing)
+        towards = kernels.openness(points, np.ascontiguousarray(normals, np.float32), cell, threads)
+    return np.ascontiguousarray(normals * np.where(towards < 0, -1, 1)[:, None], np.float32)

@@ -1,0 +1,33 @@
+"""All options of an estimate, one section a stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pwralign_kin.estimation.correspondences import CorrespondenceOptions
+from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
+from pwralign_kin.estimation.observation import ObservationOptions
+from pwralign_kin.estimation.repair import RepairOptions
+from pwralign_kin.estimation.tree_search import SearchOptions
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """Options of `pwralign_kin.estimate`. The defaults serve any robot and sensor."""
+
+    seed: int = 0
+    """The same seed gives the same answer, bit for bit, at any number of threads."""
+    threads: int = 0
+    """Threads of the compiled kernels; 0 = one per core."""
+    locked: tuple[str, ...] = ()
+    """Joints that keep their initial, else their prior value."""
+    prior: Mapping[str, float] = field(default_factory=dict)
+    """Values (rad or m) that joints keep where the scan does not tell them; 0 within the limits where not given."""
+    sources: tuple[str, ...] = ("pairs",)
+    """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences)."""
+    observation: ObservationOptions = field(default_factory=ObservationOptions)
+    correspondences: CorrespondenceOptions = field(default_factory=CorrespondenceOptions)
+    search: SearchOptions = field(default_factory=SearchOptions)
+    repair: RepairOptions = field(default_factory=RepairOptions)
+    least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)

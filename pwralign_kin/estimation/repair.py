@@ -1,0 +1,188 @@
+"""Repair: regrow the subtrees around badly supported parts, re-root at the well supported, turn the largest around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import Array, rotation_about
+
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RepairOptions:
+    """How hard wrong answers are repaired."""
+
+    rounds: int = 4
+    solutions: int = 4
+    """Distinct solutions that are repaired side by side."""
+    margin: float = 0.12
+    """Solutions worse than the best by more than this are not worth repairing."""
+    alternatives: int = 16
+    """Regrown configurations kept per move."""
+    refined: int = 8
+    """Moves per solution that are refined."""
+    turned_parts: int = 3
+    """Largest parts that are turned by half a revolution."""
+    unexplained: float = 0.006
+    """Share of scan points far from the model below which nothing is missing."""
+
+
+def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *, turn: bool) -> Candidates:
+    """Return the distinct solutions after at most `options.rounds` rounds, best first."""
+    solutions = search.distinct(candidates, options.solutions)
+    done: set[tuple[float, ...]] = set()
+    for round_ in range(options.rounds):
+        moved: list[Candidates] = []
+        for i in range(len(solutions)):
+            solution = solutions.take([i])
+            key = tuple(np.round(np.r_[solution.bases[0, :3, 3], solution.values[0]], 2))
+            best = float(solutions.scores[0])
+            if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
+                continue
+            done.add(key)
+            moves = repair_moves(search, solution, options, turn=turn and round_ == 0)
+            if moves is not None:
+                moved.append(search.scored(moves)[0].best_first().take(slice(options.refined)))
+        if not moved:
+            break
+        refined = search.refined(Candidates.concatenate(moved), iterations=10)
+        solutions = search.distinct(
+            Candidates.concatenate([solutions, search.scored(refined)[0]]), options.solutions
+        )
+    return solutions
+
+
+def repair_moves(search: TreeSearch, solution: Candidates, options: RepairOptions, *, turn: bool) -> Candidates | None:
+    """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere."""
+    support = search.scored(solution)[1][0]
+    unexplained = search.unexplained(solution)
+    exists, single = search.exists, search.observation.single_view
+    usual = float(np.median(support[exists]))
+    bad = exists & (support < (-0.2 if single else 0.85 * usual))
+    missing = unexplained > options.unexplained
+    moves: list[Candidates] = []
+    placements = search.part_placements(solution)[0]
+    if bad.any() or missing:
+        moves += _regrown(search, solution, support, bad, missing, usual, options)
+        best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
+        roots = np.array([i for i in best if exists[i]], np.int32)
+        moves.append(search.grow(roots, np.ascontiguousarray(placements[roots])))
+    if not single:
+        moves += _without_absent(search, solution, exists & (support < 0.2))
+    if turn:
+        moves += _turned(search, placements, options)
+    return Candidates.concatenate(moves) if moves else None
+
+
+def _subtrees(search: TreeSearch) -> Bool:
+    """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
+    count = len(search.exists)
+    below = np.eye(count, dtype=bool)
+    for i in range(count - 1, 0, -1):
+        below[search.parent[i]] |= below[i]
+    return below
+
+
+def _regrown(
+    search: TreeSearch,
+    solution: Candidates,
+    support: NDArray[np.float32],
+    bad: Bool,
+    missing: bool,
+    usual: float,
+    options: RepairOptions,
+) -> list[Candidates]:
+    """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
+    count, exists, parent = len(search.exists), search.exists, search.parent
+    below = _subtrees(search)
+    near = bad.copy()
+    if missing and count <= 14:
+        near[:] = True
+    else:
+        # A part is often bad because an ancestor is slightly wrong.
+        for _ in range(3):
+            above = np.zeros(count, bool)
+            above[parent[1:][near[1:]]] = True
+            near |= above
+    starts, nexts = [], []
+    for i in range(1, count):
+        for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):
+            outward = following == i
+            if outward and not near[i]:
+                continue
+            if not outward and count > 10 and not (support[i] > usual and bad[parent[i]]):
+                continue
+            if not (exists & side).any() or not (exists & ~side).any() or not (bad | missing)[side].any():
+                continue
+            starts.append(start)
+            nexts.append(following)
+    if not starts:
+        return []
+    return [_regrow(search, solution, starts, nexts, search.weights, options.alternatives)]
+
+
+def _regrow(
+    search: TreeSearch, solution: Candidates, starts: list[int], nexts: list[int], weights: NDArray[np.float32], keep: int
+) -> Candidates:
+    tasks = len(starts)
+    return Candidates(
+        *search.native.regrow(
+            solution.bases, solution.values, np.zeros(tasks, np.int32), np.array(starts, np.int32),
+            np.array(nexts, np.int32), np.tile(weights, (tasks, 1)), keep,
+        )
+    )  # fmt: skip
+
+
+def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:
+    """Regrow around parts that the scan lacks, as if they had no surface: a missing part must not pull its neighbours."""
+    exists, parent = search.exists, search.parent
+    if not absent.any() or absent.sum() > max(2, 0.3 * exists.sum()):
+        return []
+    weights = np.asarray(search.weights * ~absent, np.float32)
+    below = _subtrees(search)
+    near = absent.copy()
+    near[parent[1:][absent[1:]]] = True
+    near[1:] |= absent[parent[1:]]
+    cut = [i for i in np.flatnonzero(near) if i > 0 and (below[i] & exists).any()]
+    if not cut:
+        return []
+    return [_regrow(search, solution, [int(parent[i]) for i in cut], [int(i) for i in cut], weights, 8)]
+
+
+def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
+    """Turn each of the largest parts by half a revolution about its own and its frame's axes and grow from there."""
+    parts: list[int] = []
+    turned: list[Array] = []
+    for i in search.largest_parts(options.turned_parts):
+        samples = search.surfaces[i].samples
+        centre = (samples.min(axis=0) + samples.max(axis=0)) / 2
+        axes = np.linalg.svd(samples - samples.mean(axis=0), full_matrices=False)[2]
+        for axis in (*np.eye(3), *axes):
+            half = np.eye(4)
+            half[:3, :3] = rotation_about(axis, np.pi)
+            half[:3, 3] = centre - half[:3, :3] @ centre
+            parts.append(int(i))
+            turned.append(placements[i] @ half)
+    part = np.array(parts, np.int32)
+    _, before, score_before = search.native.refine_parts(part, np.ascontiguousarray(placements[part]), 0)
+    part, after, score_after = search.native.refine_parts(part, np.array(turned), 4)
+    moved = np.array(
+        [
+            np.linalg.norm(
+                search.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1
+            ).mean()
+            for i, a, b in zip(part, after, before, strict=True)
+        ]
+    )
+    good = np.flatnonzero((score_after > 0.6 * score_before) & (moved > search.options.distinct))
+    if len(good) == 0:
+        return []
+    part, after = np.ascontiguousarray(part[good]), np.ascontiguousarray(after[good])
+    kept = search.native.distinct_parts(part, after, options.turned_parts, search.options.distinct)
+    return [search.grow(np.ascontiguousarray(part[kept]), np.ascontiguousarray(after[kept]))]

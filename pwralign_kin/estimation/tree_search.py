@@ -1,0 +1,190 @@
+"""The search without a guess: part hypotheses, grown through the kinematic tree, scored in both directions, refined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.observation import Observation
+from pwralign_kin.model.surface import Surface, part_weights, total_area
+from pwralign_kin.se3 import Array
+
+Float = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How many hypotheses are made and kept, and how they are grown and scored. Lengths in model diagonals."""
+
+    root_parts: int = 7
+    """The largest parts that hypotheses start from."""
+    hypotheses_per_part: int = 12
+    roots: int = 60
+    """Part hypotheses that are grown into whole configurations."""
+    many_parts: int = 16
+    """Models with more parts than this get `more_*` in addition."""
+    more_root_parts: int = 4
+    more_hypotheses: int = 3
+    more_roots: int = 30
+    more_refined: int = 12
+    angle_step: float = float(np.radians(6))
+    """Step of the sweep of a revolute joint, rad."""
+    beam: int = 24
+    modes: int = 10
+    branch_beam: int = 3
+    refined: int = 24
+    """Grown configurations that are refined together."""
+    refine_points: int = 900
+    fine_points: int = 1500
+    support_weight: float = 0.6
+    """Weight of model support (model to scan) against scan coverage (scan to model)."""
+    two_way: bool = True
+    """Whether model support counts at all."""
+    support_distance: float = 0.035
+    coverage_distance: float = 0.03
+    least_sigma: float = 0.005
+    """Smallest robust scale of the refinement."""
+    distinct: float = 0.03
+    """Mean displacement of the surface below which two configurations are the same."""
+
+
+class TreeSearch:
+    """The search of one model in one observed scan."""
+
+    def __init__(
+        self,
+        model: Any,
+        surfaces: Sequence[Surface],
+        observation: Observation,
+        neutral: Array,
+        options: SearchOptions,
+        threads: int,
+    ) -> None:
+        """Take the `kernels.Articulated` model with its limits, and the `neutral` values (k,) of unseen joints."""
+        self.model = model
+        self.observation = observation
+        self.options = options
+        self.exists = np.array([s.exists for s in surfaces], bool)
+        self.areas = np.array([s.area for s in surfaces])
+        self.weights = part_weights(surfaces)
+        self.surfaces = surfaces
+        self.parent = model.parent
+        native = kernels.SearchOptions()
+        native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
+        native.coverage_distance = options.coverage_distance
+        native.support_weight = options.support_weight
+        native.two_way = options.two_way
+        native.coverage_scale = self._coverage_scale(total_area(surfaces))
+        native.angle_step = options.angle_step
+        native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
+        native.threads = threads
+        self.native = kernels.Search(model, observation.field, native, neutral)
+
+    def _coverage_scale(self, area: float) -> float:
+        """Return by how much coverage must be scaled up because the scan holds more than the model."""
+        # Share of the visible surface that a single view, or views from all around, usually show.
+        share = 0.42 if self.observation.single_view else 0.85
+        count = len(self.observation.points)
+        expected = max(area * share / self.observation.area_per_point, 0.05 * count)
+        return count / min(count, expected)
+
+    @property
+    def sigma(self) -> float:
+        """Smallest robust scale that the noise of the scan allows."""
+        noise = self.observation.noise
+        return max(self.options.least_sigma, 1.2 * noise if noise > 0.006 else 0.0)
+
+    def largest_parts(self, count: int) -> Ints:
+        """Return the parts with surface in decreasing size, at most `count`."""
+        order = np.argsort(-self.areas * self.exists, kind="stable")
+        return np.array([i for i in order[:count] if self.exists[i]], np.int32)
+
+    def part_hypotheses(self, seed: int) -> tuple[Ints, Array]:
+        """Return placed parts (indices and (m, 4, 4) placements), the most promising of the largest parts."""
+        o = self.options
+        many = len(self.exists) > o.many_parts
+        parts = self.largest_parts(o.root_parts + many * o.more_root_parts)
+        part, placement, score = self.native.part_hypotheses(
+            parts, seed, o.hypotheses_per_part + many * o.more_hypotheses
+        )
+        # A large part explains more: its hypotheses deserve more trials.
+        order = np.argsort(-score * self.weights[part] ** 0.3, kind="stable")[: o.roots + many * o.more_roots]
+        return np.ascontiguousarray(part[order]), np.ascontiguousarray(placement[order])
+
+    def grow(self, part: Ints, placement: Array) -> Candidates:
+        """Return for each placed part the best whole configuration grown from it (scored by growth alone)."""
+        return Candidates(*self.native.grow(part, placement))
+
+    def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
+        """Return the candidates with two-way scores, and the support (m, parts) of each part."""
+        total, _, support = self.native.score(
+            candidates.bases, candidates.values, distance or self.options.coverage_distance
+        )
+        return Candidates(candidates.bases, candidates.values, total), support
+
+    def coverage(self, candidates: Candidates) -> Float:
+        """Return the weighted share of the scan that each candidate explains."""
+        return np.asarray(
+            self.native.score(candidates.bases, candidates.values, self.options.coverage_distance)[1]
+        )
+
+    def refined(
+        self,
+        candidates: Candidates,
+        *,
+        points: int | None = None,
+        iterations: int = 15,
+        sigma: float = 0.03,
+        support_weight: float = 0.5,
+        part_weights: Float | None = None,
+    ) -> Candidates:
+        """Return the candidates after batch Gauss-Newton from robust scale `sigma` down to the noise."""
+        if part_weights is None:
+            part_weights = np.tile(self.weights, (len(candidates), 1))
+        support_weight = support_weight if self.options.two_way else 0.0
+        bases, values, _ = self.native.refine(
+            candidates.bases, candidates.values, points or self.options.refine_points, iterations, sigma,
+            self.sigma, support_weight, part_weights,
+        )  # fmt: skip
+        return Candidates(bases, values, candidates.scores)
+
+    def part_placements(self, candidates: Candidates) -> Array:
+        """Return the placements (m, parts, 4, 4) of all parts."""
+        return np.asarray(self.model.forward(candidates.bases, candidates.values))
+
+    def probe_positions(self, candidates: Candidates, per_part: int = 12) -> Array:
+        """Return positions (m, p, 3) of a few samples of every part, to compare configurations by."""
+        T = self.part_placements(candidates)
+        placed = [
+            s.samples[:per_part] @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
+            for i, s in enumerate(self.surfaces)
+            if s.exists
+        ]
+        return np.concatenate(placed, axis=1)
+
+    def distinct(self, candidates: Candidates, count: int) -> Candidates:
+        """Return the best `count` candidates whose surfaces differ by more than `options.distinct` on average."""
+        ordered = candidates.best_first()
+        positions = self.probe_positions(ordered)
+        kept: list[int] = []
+        for i in range(len(ordered)):
+            apart = [np.linalg.norm(positions[i] - positions[j], axis=1).mean() for j in kept]
+            if not apart or min(apart) > self.options.distinct:
+                kept.append(i)
+            if len(kept) >= count:
+                break
+        return ordered.take(np.array(kept, int))
+
+    def unexplained(self, candidate: Candidates) -> float:
+        """Return the share of scan points far from the surface of one candidate."""
+        distance, _, _ = self.native.assign(
+            self.observation.points, self.part_placements(candidate)[0], self.exists.astype(np.uint8), 0.06
+        )
+        return float(np.mean(distance > 0.02 + 2 * self.observation.noise))

@@ -1,0 +1,64 @@
+"""What the scan tells and what it does not: undetermined joints and the covariance of base and joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.joint_least_squares import Problem
+from pwralign_kin.se3 import Array
+
+PROBE_TURN = float(np.radians(5.0))
+"""A joint is probed by this turn (rad) ..."""
+PROBE_SLIDE = 0.03
+"""... or this slide (model diagonals);"""
+LEAST_DISPLACEMENT = 0.003
+"""it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
+LEAST_POINTS = 8
+"""Correspondences below which a part counts as unseen."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Uncertainty in search units."""
+
+    undetermined: NDArray[np.bool_]
+    """(k,) joints that the scan does not tell."""
+    covariance: Array
+    """(6 + k, 6 + k) of base twist and joints; zero rows where undetermined."""
+
+
+def doubt(problem: Problem, slide: NDArray[np.bool_], locked: NDArray[np.bool_], noise: float) -> Doubt:
+    """Return which joints are undetermined, and the covariance of the rest.
+
+    A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
+    information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
+    complement of its entry. The covariance is that of Gauss-Newton with residuals of standard deviation `noise`
+    (model diagonals).
+    """
+    size = problem.H.shape[0]
+    seen = problem.counts >= LEAST_POINTS
+    weights = np.zeros(len(seen))
+    mass = np.trace(problem.part_H[:, 3:, 3:], axis1=1, axis2=2)  # sum of weights: normals are unit vectors
+    weights[seen] = 1.0 / np.maximum(mass[seen], 1e-12)
+    mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.part_H, problem.J)
+    free = np.concatenate([np.ones(6, bool), ~locked])
+    undetermined = np.zeros(size - 6, bool)
+    ridge = 1e-9 * np.eye(int(free.sum()))
+    inverse = np.linalg.inv(mean_H[np.ix_(free, free)] + ridge)
+    probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
+    left = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
+    undetermined[~locked] = left < LEAST_DISPLACEMENT
+    return Doubt(undetermined, _covariance(problem, undetermined | locked, noise))
+
+
+def _covariance(problem: Problem, fixed: NDArray[np.bool_], noise: float) -> Array:
+    size = problem.H.shape[0]
+    free = np.concatenate([np.ones(6, bool), ~fixed])
+    count = max(int(problem.counts.sum()), 1)
+    H = problem.H[np.ix_(free, free)] * count / noise**2
+    covariance = np.zeros((size, size))
+    covariance[np.ix_(free, free)] = np.linalg.inv(H + 1e-6 * np.eye(len(H)))
+    return covariance

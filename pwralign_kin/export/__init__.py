@@ -1,0 +1,61 @@
+"""An estimate as files that robots, viewers and inspectors read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.exceptions import ExportError
+from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
+from pwralign_kin.export.axes import UP_AXES, up_vector
+from pwralign_kin.export.folder import atomic_folder
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.render import posed_mesh
+from pwralign_kin.scan import Scan
+
+__all__ = ["UP_AXES", "export"]
+
+
+def export(
+    estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path | str, *, up: str = "z"
+) -> list[Path]:
+    """Write an estimate into `folder`, all files or none, and return their paths.
+
+    - `state.json`: base placement and joint values; `estimate.json`: the same with all figures of the estimate;
+    - `joint_state.yaml` (ROS sensor_msgs/JointState), `initial_positions.yaml` (MoveIt), `model.srdf` (group state);
+    - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it;
+    - `model.glb`, `model.ply`: the posed model as a tree of links, and as one mesh in the scan frame;
+    - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per part;
+    - `overlay.png`: model and scan in one picture.
+
+    `scan` is the one that the estimate was made from; `up` (x, y, z, -x, -y or -z) names its upward axis, for the GLB
+    and the pictures. Other files in `folder` stay.
+
+    Raises `ExportError` when files cannot be written or the estimate is not one of this scan, `UnknownNameError` for an
+    unknown `up` or a state that does not fit the model.
+    """
+    folder = Path(folder)
+    upward = up_vector(up)
+    if len(estimate.scan_labels) != scan.n_input:
+        raise ExportError(
+            folder, f"the estimate speaks of {len(estimate.scan_labels)} scan points, this scan has {scan.n_input}"
+        )
+    labels = estimate.scan_labels[scan.source_index]
+    state = estimate.state
+    posed = posed_mesh(model, state)
+    values = joints.joint_values(model, state)
+    distances = deviation.signed_distances(posed, scan.points)
+    with atomic_folder(folder) as new:
+        state.save(new / "state.json")
+        states.write_estimate(new / "estimate.json", estimate)
+        states.write_joint_state(new / "joint_state.yaml", values)
+        states.write_initial_positions(new / "initial_positions.yaml", values)
+        srdf.write_srdf(new / "model.srdf", model, values)
+        urdf.write_aligned_urdf(new / "aligned.urdf", model, state, folder)
+        glb.write_glb(new / "model.glb", model, state, up)
+        mesh.write_model_ply(new / "model.ply", model, state)
+        deviation.write_deviation_ply(new / "deviation.ply", scan.points, distances, labels, posed)
+        deviation.write_deviation_table(new / "deviation.csv", distances, labels, posed.parts)
+        overlay.write_overlay(new / "overlay.png", model.name, estimate, posed, scan, upward)
+        names = sorted(path.name for path in new.iterdir())
+    return [folder / name for name in names]

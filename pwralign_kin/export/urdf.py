@@ -1,0 +1,164 @@
+"""The URDF placed in the scan: a copy of its text in which the link `world` is the scan frame."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pwralign_kin import files
+from pwralign_kin.export.source import source_tree
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.model.meshes import find_mesh
+from pwralign_kin.se3 import Array
+from pwralign_kin.state import State
+
+if TYPE_CHECKING:
+    from lxml.etree import _Element as Element
+
+logger = logging.getLogger(__name__)
+
+WORLD = "world"
+
+
+def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder: Path) -> str:
+    """Write a copy of the model's URDF, comments and all, with the base placed as in `state`; return the scan's link.
+
+    A link `world` becomes the root, joined to the old root by a fixed joint at T_scan_base. If the root already is an
+    empty link `world` with fixed joints only, it is reused and their origins change; any other link of that name stays
+    as it is and the new root gets another name. File names relative to the URDF are rewritten relative to `folder`,
+    where the file will be read; `package://` names stay. What strict readers demand and the URDF lacks (the robot's
+    name, limits, effort and velocity) is filled in.
+
+    Raises `ModelError` when the URDF is gone since the model was read.
+    """
+    from lxml import etree
+
+    robot = source_tree(model)
+    world = _place_root(robot, model, state)
+    _mend(robot, model)
+    for element in robot.iter("mesh", "texture"):
+        filename = element.get("filename")
+        if filename:
+            element.set("filename", _seen_from(folder, filename.strip(), model.urdf_path))
+    # What stands outside the root element (comments, processing instructions) is kept, each on its own line.
+    nodes = [*reversed(list(robot.itersiblings(preceding=True))), robot, *robot.itersiblings()]
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', *(etree.tostring(node, encoding="unicode", with_tail=False) for node in nodes)]
+    files.write_text(path, "\n".join(lines) + "\n")
+    return world
+
+
+def _place_root(robot: Element, model: ArticulatedModel, state: State) -> str:
+    """Make the root of the tree the scan frame and return its name."""
+    root = model.root_link
+    T_scan_root = model.root_placement(state)
+    links = {link.get("name"): link for link in robot.iterfind("link")}
+    hanging = [joint for joint in robot.iterfind("joint") if _end(joint, "parent") == root]
+    empty = next(links[root].iterchildren("visual", "collision", "inertial"), None) is None
+    if root == WORLD and empty and all(joint.get("type") == "fixed" for joint in hanging):
+        placements = model.link_placements(model.values(state.joints))
+        for joint in hanging:
+            _set_origin(joint, T_scan_root @ placements[_end(joint, "child")])
+        return WORLD
+
+    world = _unused(WORLD if WORLD not in links else "scan", links)
+    if world != WORLD:
+        logger.warning(
+            "%s: its link %r moves or has content of its own; the scan frame is the new link %r",
+            model.urdf_path, WORLD, world,
+        )  # fmt: skip
+    from lxml import etree
+
+    joints = [joint.get("name") for joint in robot.iterfind("joint")]
+    link = etree.Element("link", name=world)
+    joint = etree.Element("joint", name=_unused(f"{world}_to_{root}", joints), type="fixed")
+    etree.SubElement(joint, "parent", link=world)
+    etree.SubElement(joint, "child", link=root)
+    _set_origin(joint, T_scan_root)
+    indent = robot.text if robot.text and not robot.text.strip() else "\n  "
+    etree.indent(joint, space=indent.rpartition("\n")[2], level=1)
+    comment = etree.Comment(f" {world} is the scan frame; the joint below is the estimated placement of {root} in it ")
+    for position, element in enumerate((comment, link, joint)):
+        element.tail = indent
+        robot.insert(position, element)
+    robot.text = indent
+    return world
+
+
+def _mend(robot: Element, model: ArticulatedModel) -> None:
+    """Fill in what strict readers demand and the URDF lacks, with the values that the model was read with."""
+    from lxml import etree
+
+    if not robot.get("name", "").strip():
+        robot.set("name", model.name)
+    mended = {joint.get("name"): joint for joint in etree.fromstring(model.normalised_urdf).iterfind("joint")}
+    for joint in robot.iterfind("joint"):
+        if joint.get("type") not in ("revolute", "prismatic", "continuous"):
+            continue
+        limit, known = joint.find("limit"), mended[joint.get("name")].find("limit")
+        if limit is None and known is not None:
+            limit = etree.SubElement(joint, "limit")
+        if limit is not None:
+            for key, value in {"effort": "0.0", "velocity": "0.0", **({} if known is None else known.attrib)}.items():
+                if limit.get(key) is None:
+                    limit.set(key, value)
+
+
+def _seen_from(folder: Path, filename: str, urdf: Path) -> str:
+    """Return the name by which a file named `filename` in `urdf` is found from a URDF in `folder`."""
+    plain = filename.removeprefix("file://")
+    if "://" in plain or os.path.isabs(plain):
+        return filename
+    found, _ = find_mesh(plain, urdf)
+    target = (urdf.parent / plain if found is None else found).resolve()
+    try:
+        return Path(os.path.relpath(target, folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return target.as_posix()
+
+
+def _set_origin(joint: Element, T: Array) -> None:
+    """Write the placement `T` as the joint's origin, so exactly that reading it back gives `T` to 1e-15."""
+    from lxml import etree
+
+    origin = joint.find("origin")
+    if origin is None:
+        origin = etree.SubElement(joint, "origin")
+    origin.attrib.clear()
+    origin.set("xyz", _text(T[:3, 3]))
+    origin.set("rpy", _text(_roll_pitch_yaw(T[:3, :3])))
+
+
+def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Return the fixed-axis angles of `R` (3, 3), exact at a pitch of a right angle too.
+
+    Where roll and yaw turn about the same axis their split is arbitrary; roll is taken from what is left of `R` once
+    yaw is undone, so that an error in one is made good by the other.
+    """
+    yaw = math.atan2(R[1, 0], R[0, 0]) if math.hypot(R[0, 0], R[1, 0]) > 1e-12 else 0.0
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    pitch = math.atan2(-R[2, 0], cosine * R[0, 0] + sine * R[1, 0])
+    roll = math.atan2(sine * R[0, 2] - cosine * R[1, 2], cosine * R[1, 1] - sine * R[0, 1])
+    return roll, pitch, yaw
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(f"{number + 0.0:.17g}" for number in numbers)
+
+
+def _end(joint: Element, tag: str) -> str:
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")
+
+
+def _unused(name: str, taken: Iterable[str | None]) -> str:
+    """Return `name`, with a number where it is taken."""
+    names = set(taken)
+    candidate, number = name, 1
+    while candidate in names:
+        number += 1
+        candidate = f"{name}_{number}"
+    return candidate

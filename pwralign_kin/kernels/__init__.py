@@ -1,0 +1,29 @@
+"""Compiled kernels: everything that touches points. Flat arrays in and out; lengths in units of the model's diagonal."""
+
+from pwralign_kin.kernels._native import (
+    Articulated,
+    ScanField,
+    Search,
+    SearchOptions,
+    closest_sample_grid,
+    dominant_plane,
+    farthest_points,
+    local_planes,
+    openness,
+    thin,
+    voxel_means,
+)
+
+__all__ = [
+    "Articulated",
+    "ScanField",
+    "Search",
+    "SearchOptions",
+    "closest_sample_grid",
+    "dominant_plane",
+    "farthest_points",
+    "local_planes",
+    "openness",
+    "thin",
+    "voxel_means",
+]

@@ -1,0 +1,92 @@
+#include "articulated.hpp"
+#include <numeric>
+
+namespace pwr {
+
+int PairTable::feature(Vec p, Vec n, Vec q, Vec m) const {
+    const Vec d = q - p;
+    const float length = std::max(norm(d), 1e-12f);
+    auto bin = [](float cosine) {
+        return int(std::acos(std::clamp(cosine, -1.f, 1.f)) * float(10 / M_PI));
+    };
+    const int distance = std::min(int(length / distance_bin), distance_bins);
+    return ((distance * angle_bins + bin(dot(n, d) / length)) * angle_bins + bin(dot(m, d) / length)) * angle_bins +
+           bin(dot(n, m));
+}
+
+bool PairTable::pair_frame(Vec n, Vec direction, float *R) {
+    Vec y = direction - dot(direction, n) * n;
+    const float length = norm(y);
+    if (length < 1e-3f * norm(direction)) return false;
+    y = (1 / length) * y;
+    const Vec z = cross(n, y);
+    const float frame[9] = {n.x, y.x, z.x, n.y, y.y, z.y, n.z, y.z, z.z};
+    std::copy(frame, frame + 9, R);
+    return true;
+}
+
+void Articulated::finish(Surface &s) const {
+    s.cumulated.assign(1, 0.f);
+    for (float w : s.w) s.cumulated.push_back(s.cumulated.back() + w);
+    const int count = s.count(120);
+    PairTable &table = s.pairs;
+    table.shortest = std::min(.25f * s.size, .08f);
+    table.longest = s.size;
+    table.distance_bins = int(s.size / PairTable::distance_bin) + 1;
+    std::vector<int> key, first;
+    std::vector<float> frame;
+    for (int a = 0; a < count; ++a)
+        for (int b = 0; b < count; ++b) {
+            float R[9];
+            if (a == b || norm(s.p[b] - s.p[a]) <= table.shortest) continue;
+            if (!PairTable::pair_frame(s.n[a], s.p[b] - s.p[a], R)) continue;
+            key.push_back(table.feature(s.p[a], s.n[a], s.p[b], s.n[b]));
+            first.push_back(a);
+            frame.insert(frame.end(), R, R + 9);
+        }
+    std::vector<int> order(key.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return key[a] < key[b]; });
+    for (int at : order) {
+        table.key.push_back(key[at]);
+        table.first.push_back(first[at]);
+        table.frame.insert(table.frame.end(), &frame[9 * at], &frame[9 * at] + 9);
+    }
+}
+
+Rigid Articulated::joint_placement(int part, double value) const {
+    const double motion = multiplier[part] * value + offset[part];
+    Rigid M = Rigid::identity();
+    if (prismatic[part])
+        for (int i = 0; i < 3; ++i) M.t[i] = motion * axis[3 * part + i];
+    else
+        rotation_about(&axis[3 * part], motion, M.R);
+    return placement[part] * M;
+}
+
+void Articulated::forward(const Rigid &base, const double *values, Rigid *T) const {
+    T[0] = base;
+    for (int i = 1; i < parts; ++i) T[i] = T[parent[i]] * joint_placement(i, values[actuated[i]]);
+}
+
+void Articulated::joint_twists(const Rigid *T, const double *c, double *twists) const {
+    std::fill(twists, twists + 6, 0.);
+    for (int i = 1; i < parts; ++i) {
+        const double *R = T[i].R, *a = &axis[3 * i];
+        double *S = twists + 6 * i, world[3];
+        for (int r = 0; r < 3; ++r)
+            world[r] = multiplier[i] * (R[3 * r] * a[0] + R[3 * r + 1] * a[1] + R[3 * r + 2] * a[2]);
+        if (prismatic[i]) {
+            S[0] = S[1] = S[2] = 0;
+            std::copy(world, world + 3, S + 3);
+        } else {
+            const double o[3] = {T[i].t[0] - c[0], T[i].t[1] - c[1], T[i].t[2] - c[2]};
+            std::copy(world, world + 3, S);
+            S[3] = o[1] * world[2] - o[2] * world[1];
+            S[4] = o[2] * world[0] - o[0] * world[2];
+            S[5] = o[0] * world[1] - o[1] * world[0];
+        }
+    }
+}
+
+} // namespace pwr

@@ -1,0 +1,78 @@
+// The model as the kernels see it: kinematic tree of rigid parts and their surfaces. Lengths are in units of the
+// model's diagonal.
+#pragma once
+#include "linalg.hpp"
+#include "scan_field.hpp"
+#include "surface.hpp"
+
+namespace pwr {
+
+// Pairs of oriented samples of one part, sorted by their feature (distance and three angles; Drost et al., CVPR 2010).
+struct PairTable {
+    static constexpr int angle_bins = 11; // 18 degrees each; the last catches exactly 180
+    static constexpr float distance_bin = .02f;
+    float shortest = 0, longest = 0;
+    int distance_bins = 0;
+    std::vector<int> key, first; // feature and first sample of each pair
+    std::vector<float> frame;    // (9) rotation whose x axis is the normal and whose y axis leans to the second sample
+
+    int feature(Vec p, Vec n, Vec q, Vec m) const;
+    static bool pair_frame(Vec n, Vec direction, float *R);
+};
+
+struct Surface {
+    bool exists = false;
+    float size = 0, area = 0, weight = 0, radius = 0;
+    Vec centre{0, 0, 0};
+    std::vector<Vec> p, n;                     // coarse samples, farthest first: any prefix is a coarse set
+    std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
+    std::vector<OrientedPoint> dense;          // samples that the grid refers to
+    std::vector<uint16_t> grid;                // closest dense sample per cell
+    Vec grid_origin{0, 0, 0};
+    float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing
+    int dims[3] = {0, 0, 0};
+    PairTable pairs;
+
+    int count(int most) const { return std::min<int>(most, int(p.size())); }
+
+    // Closest dense sample of a local position and the distance to the surface there; -1 beyond the grid's band.
+    int closest(Vec local, float &distance) const {
+        const float x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
+                    z = (local.z - grid_origin.z) / cell;
+        if (x < 0 || y < 0 || z < 0 || x >= dims[0] || y >= dims[1] || z >= dims[2]) return -1;
+        const uint16_t sample = grid[(int64_t(x) * dims[1] + int(y)) * dims[2] + int(z)];
+        if (sample == none) return -1;
+        const Vec d = local - dense[sample].p;
+        const float plane = dot(d, dense[sample].n), squared = dot(d, d);
+        const float aside = std::sqrt(std::max(0.f, squared - plane * plane)) - slack;
+        distance = aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
+        return sample;
+    }
+};
+
+class Articulated {
+  public:
+    int parts = 0, joints = 0;
+    std::vector<int> parent, actuated;
+    std::vector<Rigid> placement; // of the joint frame in the parent part
+    std::vector<double> axis, multiplier, offset;
+    std::vector<uint8_t> prismatic;
+    std::vector<double> lower, upper;
+    std::vector<uint8_t> wraps;
+    std::vector<Surface> surface;
+
+    // Finish a surface whose samples and grid are set: prefix weights and pair table.
+    void finish(Surface &s) const;
+    // Placement of a part in its parent for an actuated value.
+    Rigid joint_placement(int part, double value) const;
+    void forward(const Rigid &base, const double *values, Rigid *T) const;
+    // Whether `descendant` is `part` or below it.
+    bool below(int descendant, int part) const {
+        while (descendant > part) descendant = parent[descendant];
+        return descendant == part;
+    }
+    // World twists of every part's joint about the point c, (parts, 6); the root's are zero.
+    void joint_twists(const Rigid *T, const double *c, double *twists) const;
+};
+
+} // namespace pwr

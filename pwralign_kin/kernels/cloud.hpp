@@ -1,0 +1,32 @@
+// Preparation of raw clouds: downsampling, local planes, orientation of normals.
+#pragma once
+#include "linalg.hpp"
+
+namespace pwr {
+
+// Mean of the points of each occupied cell, in the order of the cells; `counts` gets the points per cell.
+std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::vector<int> &counts,
+                             std::vector<int> &cell_of_point);
+
+// The local plane at each point from its neighbours within `radius`: unit normal, mean, smallest eigenvalue, count.
+struct LocalPlanes {
+    std::vector<Vec> normal, mean;
+    std::vector<float> variance;
+    std::vector<int> neighbours;
+};
+LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads);
+
+// How open each point's positive normal side is: sum over directions of free * (direction . normal), by marching
+// through the occupancy of the cloud. Negative: the normal points inwards.
+std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads);
+
+// The plane (nx, ny, nz, d) with the most oriented points within `tolerance`, from minimal samples of one oriented
+// point, or zeros.
+struct Plane {
+    Vec normal;
+    float offset;
+    int64_t inliers;
+};
+Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials, uint64_t seed);
+
+} // namespace pwr

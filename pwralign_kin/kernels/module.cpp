@@ -1,0 +1,366 @@
+// Python bindings: arrays in, arrays out. Lengths are in units of the model's diagonal.
+#include "cloud.hpp"
+#include "search.hpp"
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+#include <stdexcept>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace pwr;
+
+namespace {
+
+template <typename T, typename... Shape> using In = nb::ndarray<const T, Shape..., nb::c_contig, nb::device::cpu>;
+using Points = In<float, nb::shape<-1, 3>>;
+using Placements = In<double, nb::shape<-1, 4, 4>>;
+using Matrix = In<double, nb::shape<-1, -1>>;
+using FloatMatrix = In<float, nb::shape<-1, -1>>;
+using Doubles = In<double, nb::shape<-1>>;
+using Ints = In<int32_t, nb::shape<-1>>;
+using Bytes = In<uint8_t, nb::shape<-1>>;
+template <typename T> using Out = nb::ndarray<nb::numpy, T>;
+
+template <typename T> Out<T> to_numpy(std::vector<T> values, std::initializer_list<size_t> shape) {
+    auto *kept = new std::vector<T>(std::move(values));
+    nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
+    return Out<T>(kept->data(), shape, owner);
+}
+template <typename T> Out<T> to_numpy(std::vector<T> values) {
+    const size_t size = values.size();
+    return to_numpy(std::move(values), {size});
+}
+Out<float> to_numpy(const std::vector<Vec> &points) {
+    std::vector<float> flat(3 * points.size());
+    for (size_t i = 0; i < points.size(); ++i) flat[3 * i] = points[i].x, flat[3 * i + 1] = points[i].y, flat[3 * i + 2] = points[i].z;
+    return to_numpy(std::move(flat), {points.size(), 3});
+}
+const Vec *vectors(const Points &points) { return reinterpret_cast<const Vec *>(points.data()); }
+std::vector<Vec> copied(const Points &points) { return {vectors(points), vectors(points) + points.shape(0)}; }
+
+Rigid read_placement(const double *m) {
+    return {{m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]}, {m[3], m[7], m[11]}};
+}
+void write_placement(const Rigid &T, double *m) {
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) m[4 * i + j] = T.R[3 * i + j];
+        m[4 * i + 3] = T.t[i];
+    }
+    m[12] = m[13] = m[14] = 0, m[15] = 1;
+}
+void require(bool condition, const char *message) {
+    if (!condition) throw std::invalid_argument(message);
+}
+std::vector<Configuration> read_configurations(const Articulated &model, const Placements &bases, const Matrix &values) {
+    require(bases.shape(0) == values.shape(0) && int(values.shape(1)) == model.joints, "bases (m, 4, 4) and values (m, k) do not match the model");
+    std::vector<Configuration> out(bases.shape(0));
+    for (size_t i = 0; i < out.size(); ++i)
+        out[i] = {read_placement(bases.data() + 16 * i), {values.data() + i * model.joints, values.data() + (i + 1) * model.joints}};
+    return out;
+}
+nb::tuple write_configurations(const Articulated &model, const std::vector<Configuration> &configurations) {
+    const size_t m = configurations.size(), k = model.joints;
+    std::vector<double> bases(16 * m), values(k * m);
+    std::vector<float> scores(m);
+    for (size_t i = 0; i < m; ++i) {
+        write_placement(configurations[i].base, &bases[16 * i]);
+        std::copy(configurations[i].values.begin(), configurations[i].values.end(), values.begin() + k * i);
+        scores[i] = configurations[i].score;
+    }
+    return nb::make_tuple(to_numpy(std::move(bases), {m, 4, 4}), to_numpy(std::move(values), {m, k}), to_numpy(std::move(scores)));
+}
+std::vector<Hypothesis> read_hypotheses(const Articulated &model, const Ints &parts, const Placements &placements) {
+    require(parts.shape(0) == placements.shape(0), "parts (m,) and placements (m, 4, 4) differ in length");
+    std::vector<Hypothesis> out(parts.shape(0));
+    for (size_t i = 0; i < out.size(); ++i) {
+        const int part = parts.data()[i];
+        require(part >= 0 && part < model.parts && model.surface[part].exists, "a hypothesis needs a part with a surface");
+        out[i] = {part, read_placement(placements.data() + 16 * i), 0};
+    }
+    return out;
+}
+nb::tuple write_hypotheses(const std::vector<Hypothesis> &hypotheses) {
+    std::vector<int> parts;
+    std::vector<double> placements(16 * hypotheses.size());
+    std::vector<float> scores;
+    for (size_t i = 0; i < hypotheses.size(); ++i) {
+        parts.push_back(hypotheses[i].part);
+        write_placement(hypotheses[i].T, &placements[16 * i]);
+        scores.push_back(hypotheses[i].score);
+    }
+    return nb::make_tuple(to_numpy(std::move(parts)), to_numpy(std::move(placements), {hypotheses.size(), 4, 4}), to_numpy(std::move(scores)));
+}
+
+void bind_clouds(nb::module_ &m) {
+    m.def("thin", [](Points points, float radius) {
+        std::vector<int> kept;
+        {
+            nb::gil_scoped_release release;
+            kept = thin(vectors(points), points.shape(0), radius);
+        }
+        return to_numpy(std::move(kept));
+    }, "points"_a, "radius"_a);
+    m.def("farthest_points", [](Points points, int count) {
+        return to_numpy(farthest_points(vectors(points), points.shape(0), count));
+    }, "points"_a, "count"_a);
+    m.def("closest_sample_grid", [](Points samples, std::tuple<float, float, float> origin, float cell, std::tuple<int, int, int> dims, float band) {
+        const int d[3] = {std::get<0>(dims), std::get<1>(dims), std::get<2>(dims)};
+        require(samples.shape(0) < none, "a surface has at most 65534 samples");
+        std::vector<uint16_t> grid;
+        {
+            nb::gil_scoped_release release;
+            grid = closest_sample_grid(vectors(samples), samples.shape(0), {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)}, cell, d, band);
+        }
+        return to_numpy(std::move(grid));
+    }, "samples"_a, "origin"_a, "cell"_a, "dims"_a, "band"_a);
+    m.def("voxel_means", [](Points points, float cell) {
+        std::vector<int> counts, cells;
+        std::vector<Vec> means;
+        {
+            nb::gil_scoped_release release;
+            means = voxel_means(vectors(points), points.shape(0), cell, counts, cells);
+        }
+        return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
+    }, "points"_a, "cell"_a);
+    m.def("local_planes", [](Points points, float radius, int threads) {
+        LocalPlanes planes;
+        {
+            nb::gil_scoped_release release;
+            planes = local_planes(vectors(points), points.shape(0), radius, threads);
+        }
+        return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(std::move(planes.variance)), to_numpy(std::move(planes.neighbours)));
+    }, "points"_a, "radius"_a, "threads"_a);
+    m.def("openness", [](Points points, Points normals, float cell, int threads) {
+        require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
+        nb::gil_scoped_release release;
+        std::vector<float> open = openness(vectors(points), vectors(normals), points.shape(0), cell, threads);
+        nb::gil_scoped_acquire acquire;
+        return to_numpy(std::move(open));
+    }, "points"_a, "normals"_a, "cell"_a, "threads"_a);
+    m.def("dominant_plane", [](Points points, Points normals, float tolerance, int trials, uint64_t seed) {
+        require(points.shape(0) == normals.shape(0), "points and normals differ in length");
+        Plane plane;
+        {
+            nb::gil_scoped_release release;
+            plane = dominant_plane(vectors(points), vectors(normals), points.shape(0), tolerance, trials, seed);
+        }
+        return nb::make_tuple(plane.normal.x, plane.normal.y, plane.normal.z, plane.offset, plane.inliers);
+    }, "points"_a, "normals"_a, "tolerance"_a, "trials"_a, "seed"_a);
+}
+
+void bind_model(nb::module_ &m) {
+    nb::class_<Articulated>(m, "Articulated")
+        .def("__init__", [](Articulated *self, Ints parent, Ints actuated, Placements placement, Matrix axis, Bytes prismatic, Doubles multiplier, Doubles offset, Doubles lower, Doubles upper, Bytes wraps) {
+            const size_t n = parent.shape(0), k = lower.shape(0);
+            require(n > 0 && actuated.shape(0) == n && placement.shape(0) == n && axis.shape(0) == n && axis.shape(1) == 3 && prismatic.shape(0) == n && multiplier.shape(0) == n && offset.shape(0) == n, "the arrays of the parts differ in length");
+            require(upper.shape(0) == k && wraps.shape(0) == k, "the arrays of the joints differ in length");
+            for (size_t i = 1; i < n; ++i)
+                require(parent.data()[i] >= 0 && parent.data()[i] < int(i) && actuated.data()[i] >= 0 && actuated.data()[i] < int(k), "parts must come after their parents and name an actuated joint");
+            new (self) Articulated();
+            self->parts = int(n), self->joints = int(k);
+            self->parent.assign(parent.data(), parent.data() + n);
+            self->actuated.assign(actuated.data(), actuated.data() + n);
+            for (size_t i = 0; i < n; ++i) self->placement.push_back(read_placement(placement.data() + 16 * i));
+            self->axis.assign(axis.data(), axis.data() + 3 * n);
+            self->multiplier.assign(multiplier.data(), multiplier.data() + n);
+            self->offset.assign(offset.data(), offset.data() + n);
+            self->prismatic.assign(prismatic.data(), prismatic.data() + n);
+            self->lower.assign(lower.data(), lower.data() + k);
+            self->upper.assign(upper.data(), upper.data() + k);
+            self->wraps.assign(wraps.data(), wraps.data() + k);
+            self->surface.resize(n);
+        }, "parent"_a, "actuated"_a, "placement"_a, "axis"_a, "prismatic"_a, "multiplier"_a, "offset"_a, "lower"_a, "upper"_a, "wraps"_a)
+        .def("set_surface", [](Articulated &self, int part, Points samples, Points normals, In<float, nb::shape<-1>> weights, Points dense, Points dense_normals, In<uint16_t, nb::shape<-1, -1, -1>> grid, std::tuple<float, float, float> origin, float cell, float slack, std::tuple<float, float, float> centre, float radius, float size, float area, float weight) {
+            require(part >= 0 && part < self.parts, "no such part");
+            require(normals.shape(0) == samples.shape(0) && weights.shape(0) == samples.shape(0) && dense.shape(0) == dense_normals.shape(0), "samples, normals and weights differ in length");
+            for (size_t i = 0; i < grid.size(); ++i) require(grid.data()[i] == none || grid.data()[i] < dense.shape(0), "the grid names a sample that does not exist");
+            Surface s;
+            s.exists = samples.shape(0) > 0;
+            s.p = copied(samples), s.n = copied(normals);
+            s.w.assign(weights.data(), weights.data() + weights.shape(0));
+            for (size_t i = 0; i < dense.shape(0); ++i) s.dense.push_back({vectors(dense)[i], vectors(dense_normals)[i]});
+            s.grid.assign(grid.data(), grid.data() + grid.size());
+            for (int i = 0; i < 3; ++i) s.dims[i] = int(grid.shape(i));
+            s.grid_origin = {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)};
+            s.centre = {std::get<0>(centre), std::get<1>(centre), std::get<2>(centre)};
+            s.cell = cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
+            self.finish(s);
+            self.surface[part] = std::move(s);
+        }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)
+        .def("restricted", [](const Articulated &self, Doubles lower, Doubles upper) {
+            require(int(lower.shape(0)) == self.joints && int(upper.shape(0)) == self.joints, "one bound per joint is needed");
+            Articulated copy = self;
+            for (int j = 0; j < self.joints; ++j) {
+                copy.lower[j] = lower.data()[j], copy.upper[j] = upper.data()[j];
+                copy.wraps[j] = self.wraps[j] && copy.lower[j] <= self.lower[j] && copy.upper[j] >= self.upper[j];
+            }
+            return copy;
+        }, "lower"_a, "upper"_a)
+        .def_prop_ro("parent", [](const Articulated &self) { return to_numpy(std::vector<int>(self.parent)); }, nb::rv_policy::move)
+        .def("forward", [](const Articulated &self, Placements bases, Matrix values) {
+            const auto configurations = read_configurations(self, bases, values);
+            std::vector<double> out(16 * configurations.size() * self.parts);
+            std::vector<Rigid> T(self.parts);
+            for (size_t c = 0; c < configurations.size(); ++c) {
+                self.forward(configurations[c].base, configurations[c].values.data(), T.data());
+                for (int p = 0; p < self.parts; ++p) write_placement(T[p], &out[16 * (c * self.parts + p)]);
+            }
+            return to_numpy(std::move(out), {configurations.size(), size_t(self.parts), 4, 4});
+        }, "bases"_a, "values"_a);
+}
+
+void bind_search(nb::module_ &m) {
+    nb::class_<ScanField>(m, "ScanField")
+        .def("__init__", [](ScanField *self, Points points, Points normals, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow) {
+            require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
+            require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
+            const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
+            nb::gil_scoped_release release;
+            new (self) ScanField(copied(points), copied(normals), cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow);
+        }, "points"_a, "normals"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a);
+
+    nb::class_<SearchOptions>(m, "SearchOptions")
+        .def(nb::init<>())
+        .def_rw("support_distance", &SearchOptions::support_distance)
+        .def_rw("coverage_distance", &SearchOptions::coverage_distance)
+        .def_rw("support_weight", &SearchOptions::support_weight)
+        .def_rw("coverage_scale", &SearchOptions::coverage_scale)
+        .def_rw("two_way", &SearchOptions::two_way)
+        .def_rw("angle_step", &SearchOptions::angle_step)
+        .def_rw("beam", &SearchOptions::beam)
+        .def_rw("modes", &SearchOptions::modes)
+        .def_rw("branch_beam", &SearchOptions::branch_beam)
+        .def_rw("threads", &SearchOptions::threads);
+
+    nb::class_<Search>(m, "Search")
+        .def("__init__", [](Search *self, const Articulated &model, const ScanField &field, const SearchOptions &options, Doubles neutral) {
+            require(int(neutral.shape(0)) == model.joints, "one neutral value per joint is needed");
+            new (self) Search(model, field, options, {neutral.data(), neutral.data() + neutral.shape(0)});
+        }, "model"_a, "field"_a, "options"_a, "neutral"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def("part_hypotheses", [](const Search &self, Ints parts, uint64_t seed, int keep) {
+            std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
+            for (int p : wanted) require(p >= 0 && p < self.model.parts && self.model.surface[p].exists, "a hypothesis needs a part with a surface");
+            std::vector<Hypothesis> found;
+            {
+                nb::gil_scoped_release release;
+                found = self.part_hypotheses(wanted, seed, keep);
+            }
+            return write_hypotheses(found);
+        }, "parts"_a, "seed"_a, "keep"_a)
+        .def("refine_parts", [](const Search &self, Ints parts, Placements placements, int iterations) {
+            auto hypotheses = read_hypotheses(self.model, parts, placements);
+            {
+                nb::gil_scoped_release release;
+                self.refine_parts(hypotheses, iterations);
+            }
+            return write_hypotheses(hypotheses);
+        }, "parts"_a, "placements"_a, "iterations"_a)
+        .def("distinct_parts", [](const Search &self, Ints parts, Placements placements, int keep, float radius) {
+            return to_numpy(self.distinct(read_hypotheses(self.model, parts, placements), keep, radius));
+        }, "parts"_a, "placements"_a, "keep"_a, "radius"_a)
+        .def("grow", [](const Search &self, Ints parts, Placements placements) {
+            auto roots = read_hypotheses(self.model, parts, placements);
+            std::vector<Configuration> grown;
+            {
+                nb::gil_scoped_release release;
+                self.refine_parts(roots, 0);
+                grown = self.grow(roots);
+            }
+            return write_configurations(self.model, grown);
+        }, "parts"_a, "placements"_a)
+        .def("regrow", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints start, Ints next, FloatMatrix weights, int keep) {
+            const auto from = read_configurations(self.model, bases, values);
+            const size_t count = configuration.shape(0), n = self.model.parts;
+            require(start.shape(0) == count && next.shape(0) == count && weights.shape(0) == count && weights.shape(1) == n, "the arrays of the tasks differ in length");
+            std::vector<RegrowTask> tasks;
+            for (size_t t = 0; t < count; ++t) {
+                const int c = configuration.data()[t], s = start.data()[t], e = next.data()[t];
+                require(c >= 0 && c < int(from.size()) && s >= 0 && s < int(n) && e < int(n), "a task names something that does not exist");
+                require(e < 0 || self.model.parent[e] == s || self.model.parent[s] == e, "next is no neighbour of start");
+                tasks.push_back({c, s, e, {weights.data() + t * n, weights.data() + (t + 1) * n}});
+            }
+            std::vector<Configuration> grown;
+            {
+                nb::gil_scoped_release release;
+                grown = self.regrow(from, tasks, keep);
+            }
+            return write_configurations(self.model, grown);
+        }, "bases"_a, "values"_a, "configuration"_a, "start"_a, "next"_a, "weights"_a, "keep"_a)
+        .def("score", [](const Search &self, Placements bases, Matrix values, float coverage_distance) {
+            auto configurations = read_configurations(self.model, bases, values);
+            std::vector<float> coverage, support, total;
+            {
+                nb::gil_scoped_release release;
+                self.score(configurations, coverage_distance, coverage, support);
+            }
+            for (const auto &c : configurations) total.push_back(c.score);
+            return nb::make_tuple(to_numpy(std::move(total)), to_numpy(std::move(coverage)), to_numpy(std::move(support), {configurations.size(), size_t(self.model.parts)}));
+        }, "bases"_a, "values"_a, "coverage_distance"_a)
+        .def("refine", [](const Search &self, Placements bases, Matrix values, int points, int iterations, float sigma_first, float sigma_last, float support_weight, FloatMatrix part_weights) {
+            auto configurations = read_configurations(self.model, bases, values);
+            require(part_weights.shape(0) == configurations.size() && int(part_weights.shape(1)) == self.model.parts, "part_weights must be (m, parts)");
+            const std::vector<float> weights(part_weights.data(), part_weights.data() + part_weights.size());
+            {
+                nb::gil_scoped_release release;
+                self.refine(configurations, points, iterations, sigma_first, sigma_last, support_weight, weights);
+            }
+            return write_configurations(self.model, configurations);
+        }, "bases"_a, "values"_a, "points"_a, "iterations"_a, "sigma_first"_a, "sigma_last"_a, "support_weight"_a, "part_weights"_a)
+        .def("assign", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
+            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
+            std::vector<Rigid> T;
+            std::vector<uint8_t> used;
+            for (int p = 0; p < self.model.parts; ++p) {
+                T.push_back(read_placement(placements.data() + 16 * p));
+                used.push_back(mask.data()[p] && self.model.surface[p].exists);
+            }
+            Assignment a;
+            {
+                nb::gil_scoped_release release;
+                const int64_t count = points.shape(0), block = 4096;
+                a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
+                parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
+                    const int64_t from = b * block, size = std::min(block, count - from);
+                    const Assignment piece = self.assign(vectors(points) + from, size, 1, T.data(), used.data(), cap);
+                    std::copy(piece.distance.begin(), piece.distance.end(), a.distance.begin() + from);
+                    std::copy(piece.part.begin(), piece.part.end(), a.part.begin() + from);
+                    std::copy(piece.sample.begin(), piece.sample.end(), a.sample.begin() + from);
+                });
+            }
+            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+        }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("normal_equations", [](const Search &self, Placements placements, int points, float sigma, float cap, float support_weight, In<float, nb::shape<-1>> part_weights) {
+            const size_t n = self.model.parts;
+            require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
+            std::vector<Rigid> T;
+            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            std::vector<Normal> normal(n);
+            Assignment a;
+            {
+                nb::gil_scoped_release release;
+                points = std::min<int>(points, int(self.shuffled.size()));
+                self.accumulate({self.shuffled.begin(), self.shuffled.begin() + points}, T, sigma, cap, support_weight, part_weights.data(), normal, a);
+            }
+            std::vector<double> H, g;
+            for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
+            std::vector<int> counts(n, 0);
+            for (int p : a.part)
+                if (p >= 0) ++counts[p];
+            return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
+        }, "placements"_a, "points"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
+}
+
+} // namespace
+
+NB_MODULE(_native, m) {
+#if defined(__x86_64__) && defined(__AVX2__)
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma"))
+        throw std::runtime_error("pwralign_kin was built for processors with AVX2 and FMA; rebuild it on this machine");
+#endif
+    bind_clouds(m);
+    bind_model(m);
+    bind_search(m);
+}

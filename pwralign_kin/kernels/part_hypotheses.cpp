@@ -1,0 +1,187 @@
+#include "cells.hpp"
+#include "search.hpp"
+#include <numeric>
+
+namespace pwr {
+
+// Weighted mean over samples [first, last) of their evidence: near the scan with a matching normal counts for, in free
+// space against, in occluded space (almost) nothing. Surface that faces away from the sensor cannot be supported.
+float Search::part_score(int part, const RigidF &T, int first, int last, float distance,
+                         const float *point_weights) const {
+    const Surface &s = model.surface[part];
+    const float limit = distance * distance;
+    float sum = 0;
+    for (int i = first; i < last; ++i) {
+        const Vec x = apply(T, s.p[i]);
+        const int64_t at = field.cell_at(x);
+        if (at < 0) {
+            sum -= s.w[i] * options.free_penalty;
+            continue;
+        }
+        const int k = field.nearest(at);
+        if (k >= 0) {
+            const OrientedPoint &q = field.points[k];
+            const Vec d = x - q.p;
+            const float squared = dot(d, d);
+            if (squared < limit) {
+                const Vec n = rotate(T, s.n[i]);
+                if (!field.has_origin || dot(field.sensor - x, n) > 0) {
+                    const float facing = std::max(0.f, dot(n, q.n));
+                    const float value = (1 - squared / limit) * (.25f + .75f * facing);
+                    sum += s.w[i] * (point_weights ? point_weights[k] : 1.f) * value;
+                }
+                continue;
+            }
+        }
+        sum -= s.w[i] * (field.is_occluded(at) ? options.occluded_penalty : options.free_penalty);
+    }
+    return sum;
+}
+
+std::vector<int> Search::distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const {
+    constexpr int probes = 6;
+    std::vector<int> kept, kept_of_part(model.parts, 0);
+    std::vector<std::vector<Vec>> seen(hypotheses.size());
+    for (size_t h = 0; h < hypotheses.size(); ++h) {
+        const int part = hypotheses[h].part;
+        if (kept_of_part[part] >= keep) continue;
+        const RigidF T = to_float(hypotheses[h].T);
+        const int count = model.surface[part].count(probes);
+        std::vector<Vec> placed;
+        for (int i = 0; i < count; ++i) placed.push_back(apply(T, model.surface[part].p[i]));
+        bool is_new = true;
+        for (int other : kept) {
+            if (hypotheses[other].part != part) continue;
+            float sum = 0;
+            for (int i = 0; i < count; ++i) sum += norm(placed[i] - seen[other][i]);
+            if (sum < radius * count) {
+                is_new = false;
+                break;
+            }
+        }
+        if (!is_new) continue;
+        seen[h] = std::move(placed);
+        kept.push_back(int(h));
+        ++kept_of_part[part];
+    }
+    return kept;
+}
+
+namespace {
+void sort_by_score(std::vector<Hypothesis> &hypotheses) {
+    std::stable_sort(hypotheses.begin(), hypotheses.end(),
+                     [](const Hypothesis &a, const Hypothesis &b) { return a.score > b.score; });
+}
+std::vector<Hypothesis> select(const std::vector<Hypothesis> &hypotheses, const std::vector<int> &indices) {
+    std::vector<Hypothesis> out;
+    for (int i : indices) out.push_back(hypotheses[i]);
+    return out;
+}
+} // namespace
+
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep) const {
+    constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8, first_samples = 16, pool = 400, refined = 60;
+    constexpr float promising = .15f;
+    const Surface &s = model.surface[part];
+    const PairTable &table = s.pairs;
+    std::vector<Hypothesis> candidates;
+    if (table.key.empty()) return candidates;
+    Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
+    const int count = int(field.points.size()), anchor_count = std::min(anchors, count);
+    std::vector<int> order(count);
+    std::iota(order.begin(), order.end(), 0);
+    for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
+    const int per_anchor = std::max(1, pairs / std::max(1, anchor_count));
+    const float distance = 1.3f * options.support_distance;
+    const int first = s.count(first_samples), last = s.count(options.sweep_samples);
+    std::vector<int> near;
+    for (int a = 0; a < anchor_count; ++a) {
+        const OrientedPoint &p = field.points[order[a]];
+        near.clear();
+        for (int j = 0; j < count; ++j) {
+            const Vec d = field.points[j].p - p.p;
+            const float squared = dot(d, d);
+            if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
+        }
+        for (int b = 0; b < per_anchor && b < int(near.size()); ++b) {
+            std::swap(near[b], near[b + random.below(uint32_t(near.size() - b))]);
+            const OrientedPoint &q = field.points[near[b]];
+            float Rs[9];
+            if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
+            const auto range = std::equal_range(table.key.begin(), table.key.end(), table.feature(p.p, p.n, q.p, q.n));
+            const int matches = int(range.second - range.first), start = int(range.first - table.key.begin());
+            for (int v = 0; v < std::min(matches, votes_of_pair); ++v) {
+                const int m = start + int(random.below(uint32_t(matches)));
+                const float *Rm = &table.frame[9 * m];
+                Hypothesis h{part, Rigid::identity(), 0};
+                for (int i = 0; i < 3; ++i)
+                    for (int j = 0; j < 3; ++j)
+                        h.T.R[3 * i + j] = Rs[3 * i] * Rm[3 * j] + Rs[3 * i + 1] * Rm[3 * j + 1] + Rs[3 * i + 2] * Rm[3 * j + 2];
+                const Vec anchor = s.p[table.first[m]];
+                const float world[3] = {p.p.x, p.p.y, p.p.z};
+                for (int i = 0; i < 3; ++i)
+                    h.T.t[i] = world[i] - (h.T.R[3 * i] * anchor.x + h.T.R[3 * i + 1] * anchor.y + h.T.R[3 * i + 2] * anchor.z);
+                const RigidF T = to_float(h.T);
+                const float early = part_score(part, T, 0, first, distance, nullptr);
+                if (early < promising * s.cumulated[first]) continue;
+                h.score = (early + part_score(part, T, first, last, distance, nullptr)) / s.cumulated[last];
+                candidates.push_back(h);
+            }
+        }
+    }
+    sort_by_score(candidates);
+    if (candidates.size() > pool) candidates.resize(pool);
+    candidates = select(candidates, distinct(candidates, refined, .02f));
+    for (auto &h : candidates) refine_part(h, 5);
+    sort_by_score(candidates);
+    return select(candidates, distinct(candidates, keep, .03f));
+}
+
+std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const {
+    std::vector<std::vector<Hypothesis>> found(parts.size());
+    parallel_for(int64_t(parts.size()), options.threads,
+                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], seed, keep); });
+    std::vector<Hypothesis> all;
+    for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
+    return all;
+}
+
+void Search::refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const {
+    parallel_for(int64_t(hypotheses.size()), options.threads,
+                 [&](int64_t i) { refine_part(hypotheses[i], iterations); });
+}
+
+// Point-to-plane ICP of one part against the field, samples of the model towards the scan.
+void Search::refine_part(Hypothesis &h, int iterations) const {
+    const Surface &s = model.surface[h.part];
+    const int count = s.count(80);
+    const float limit = 2 * options.support_distance * options.support_distance;
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+        const RigidF T = to_float(h.T);
+        const Vec centre{T.t[0], T.t[1], T.t[2]};
+        Normal normal;
+        for (int i = 0; i < count; ++i) {
+            const Vec x = apply(T, s.p[i]);
+            const int64_t at = field.cell_at(x);
+            const int k = at < 0 ? -1 : field.nearest(at);
+            if (k < 0) continue;
+            const OrientedPoint &q = field.points[k];
+            const float facing = dot(rotate(T, s.n[i]), q.n);
+            const Vec d = q.p - x;
+            const float rest = 1 - dot(d, d) / limit;
+            if (facing < .3f || rest <= 0) continue;
+            const float w = s.w[i] / s.cumulated[count] * rest * rest * facing;
+            normal.add_plane(x - centre, q.n, dot(d, q.n), w);
+            normal.add_point(x - centre, d, .1f * w);
+        }
+        normal.mirror();
+        for (int i = 0; i < 3; ++i) normal.H[7 * i] += 1e-3 * options.support_distance * options.support_distance + 1e-9;
+        for (int i = 3; i < 6; ++i) normal.H[7 * i] += 1e-3;
+        if (!solve_spd(normal.H, normal.g, 6)) break;
+        retract(h.T, normal.g, .3);
+    }
+    h.score = part_score(h.part, to_float(h.T), 0, s.count(160), options.support_distance, nullptr) /
+              s.cumulated[s.count(160)];
+}
+
+} // namespace pwr

@@ -1,0 +1,124 @@
+#include "search.hpp"
+
+namespace pwr {
+
+void Search::refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
+                    float sigma_last, float support_weight, const std::vector<float> &part_weights) const {
+    parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
+        refine_one(configurations[c], points, iterations, sigma_first, sigma_last, support_weight,
+                   &part_weights[c * model.parts]);
+    });
+}
+
+// Per part the normal equations of both directions at the given placements, about `centre`: scan points to the nearest
+// part (point to plane, Geman-McClure kernel of scale `sigma`), model samples to the scan.
+void Search::accumulate(const std::vector<int> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
+                        float support_weight, const float *part_weights, std::vector<Normal> &normal,
+                        Assignment &a) const {
+    const int n = model.parts, points = int(sampled.size());
+    const float squared = sigma * sigma;
+    std::vector<uint8_t> mask(n);
+    std::vector<RigidF> F(n);
+    for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]), normal[p] = Normal();
+    const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
+    std::vector<Vec> positions(points);
+    for (int i = 0; i < points; ++i) positions[i] = field.points[sampled[i]].p;
+    a = assign(positions.data(), points, 1, T.data(), mask.data(), cap);
+    for (int i = 0; i < points; ++i) {
+        const int p = a.part[i];
+        if (p < 0) continue;
+        const OrientedPoint &s = model.surface[p].dense[a.sample[i]];
+        const Vec surface_normal = rotate(F[p], s.n), foot = apply(F[p], s.p);
+        const float residual = dot(positions[i] - foot, surface_normal);
+        const float kernel = squared / (squared + residual * residual);
+        const float agreement = std::abs(dot(surface_normal, field.points[sampled[i]].n));
+        normal[p].add_plane(foot - centre, surface_normal, residual, kernel * kernel * (.1f + .9f * agreement) / points);
+    }
+    if (support_weight > 0)
+        for (int p = 0; p < n; ++p) {
+            if (!mask[p] || part_weights[p] <= 0) continue;
+            const Surface &s = model.surface[p];
+            const int count = s.count(48);
+            const float reach = 2.25f * squared + 1e-5f;
+            for (int i = 0; i < count; ++i) {
+                const Vec x = apply(F[p], s.p[i]);
+                const int64_t at = field.cell_at(x);
+                const int k = at < 0 ? -1 : field.nearest(at);
+                if (k < 0) continue;
+                const OrientedPoint &q = field.points[k];
+                const Vec m = rotate(F[p], s.n[i]);
+                const float facing = dot(m, q.n);
+                if (facing < .2f || (field.has_origin && dot(field.sensor - x, m) <= 0)) continue;
+                const Vec d = q.p - x;
+                const float kernel = reach / (reach + dot(d, d));
+                const float w = support_weight * s.w[i] / s.cumulated[count] * part_weights[p] * facing * kernel * kernel;
+                normal[p].add_plane(x - centre, q.n, dot(d, q.n), w);
+                normal[p].add_point(x - centre, d, .05f * w);
+            }
+        }
+    for (Normal &part : normal) part.mirror();
+}
+
+// Gauss-Newton with a Geman-McClure kernel whose scale shrinks geometrically. Scan points pull the nearest part, model
+// samples are pulled by the scan. Per part the residuals are reduced to twist space; the joints enter by composite
+// normal equations accumulated from the leaves (as in Featherstone's composite-rigid-body algorithm).
+void Search::refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
+                        float support_weight, const float *part_weights) const {
+    const int n = model.parts, joints = model.joints, size = 6 + joints;
+    points = std::min<int>(points, int(field.points.size()));
+    const std::vector<int> sampled(shuffled.begin(), shuffled.begin() + points);
+    std::vector<Rigid> T(n);
+    std::vector<Normal> normal(n);
+    Assignment assignment;
+    std::vector<double> twists(6 * n), H(size * size), step(size);
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+        const float progress = std::min(1.f, iteration / (iterations * .7f));
+        const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
+        model.forward(c.base, c.values.data(), T.data());
+        accumulate(sampled, T, sigma, 3 * sigma + .005f, support_weight, part_weights, normal, assignment);
+        model.joint_twists(T.data(), T[0].t, twists.data());
+        std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
+        for (int p = n - 1; p > 0; --p) { // normal[p] is complete here: all its descendants have been added
+            const int column = 6 + model.actuated[p];
+            const double *S = &twists[6 * p];
+            double HS[6] = {};
+            for (int i = 0; i < 6; ++i)
+                for (int j = 0; j < 6; ++j) HS[i] += normal[p].H[6 * i + j] * S[j];
+            for (int i = 0; i < 6; ++i) {
+                step[column] += S[i] * normal[p].g[i];
+                H[i * size + column] += HS[i], H[column * size + i] += HS[i];
+            }
+            for (int ancestor = p; ancestor > 0; ancestor = model.parent[ancestor]) {
+                double value = 0;
+                for (int i = 0; i < 6; ++i) value += twists[6 * ancestor + i] * HS[i];
+                const int row = 6 + model.actuated[ancestor];
+                H[row * size + column] += value;
+                if (ancestor != p) H[column * size + row] += value;
+            }
+            Normal &above = normal[model.parent[p]];
+            for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
+            for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
+        }
+        for (int i = 0; i < 6; ++i) {
+            step[i] += normal[0].g[i];
+            for (int j = 0; j < 6; ++j) H[i * size + j] += normal[0].H[6 * i + j];
+            H[i * size + i] += i < 3 ? 2e-5 : 2e-4;
+        }
+        for (int j = 6; j < size; ++j) H[j * size + j] = 1.01 * H[j * size + j] + 2e-6;
+        if (!solve_spd(H.data(), step.data(), size)) break;
+        double largest = 0;
+        for (int j = 0; j < joints; ++j) {
+            const double change = std::clamp(step[6 + j], -.35, .35), low = model.lower[j], high = model.upper[j];
+            double &value = c.values[j];
+            value += change;
+            if (model.wraps[j]) value -= (high - low) * std::floor((value - low) / (high - low));
+            else value = std::clamp(value, low, high);
+            largest = std::max(largest, std::abs(change));
+        }
+        const double angle = retract(c.base, step.data(), .35);
+        if (progress >= 1 && largest < 3e-4 && angle < 3e-4) break;
+    }
+    orthonormalise(c.base.R);
+}
+
+} // namespace pwr

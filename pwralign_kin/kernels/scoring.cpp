@@ -1,0 +1,129 @@
+#include "search.hpp"
+
+namespace pwr {
+
+// The part whose surface is nearest to each point: bounding spheres first, then the parts' closest-sample grids.
+Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
+                          float cap) const {
+    struct Placed {
+        int part;
+        RigidF T;
+        Vec centre;
+        float radius;
+    };
+    std::vector<Placed> placed;
+    for (int p = 0; p < model.parts; ++p)
+        if (mask[p]) {
+            const RigidF F = to_float(T[p]);
+            placed.push_back({p, F, apply(F, model.surface[p].centre), model.surface[p].radius});
+        }
+    Assignment a;
+    a.distance.assign(count, cap), a.part.assign(count, -1), a.sample.assign(count, -1);
+    for (int64_t i = 0; i < count; ++i) {
+        const Vec point = points[i * stride];
+        float best = cap;
+        for (const Placed &p : placed) {
+            const Vec d = point - p.centre;
+            const float reach = p.radius + best;
+            if (dot(d, d) > reach * reach) continue;
+            float distance;
+            const int sample = model.surface[p.part].closest(apply_inverse(p.T, point), distance);
+            if (sample >= 0 && distance < best) best = distance, a.part[i] = p.part, a.sample[i] = sample;
+        }
+        a.distance[i] = best;
+    }
+    return a;
+}
+
+// Share of the scan points that the model explains, each by its distance and the agreement of its normal.
+float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
+    float sum = 0;
+    for (size_t i = 0; i < a.distance.size(); ++i) {
+        if (a.part[i] < 0 || a.distance[i] >= distance) continue;
+        const Vec n = rotate(T[a.part[i]], model.surface[a.part[i]].dense[a.sample[i]].n);
+        const float share = a.distance[i] / distance;
+        sum += (1 - share * share) * (.6f + .4f * std::abs(dot(n, field.points[i].n)));
+    }
+    return sum / float(a.distance.size());
+}
+
+// Support of a part by a scan from all sides: only points that no other part owns speak for it, or twins would
+// collapse onto each other.
+float Search::exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const {
+    const Surface &s = model.surface[part];
+    const int count = s.count(100);
+    const float limit = distance * distance;
+    float sum = 0;
+    for (int i = 0; i < count; ++i) {
+        const Vec x = apply(T, s.p[i]);
+        const int64_t at = field.cell_at(x);
+        const int k = at < 0 ? -1 : field.nearest(at);
+        float squared = limit;
+        if (k >= 0) {
+            const Vec d = x - field.points[k].p;
+            squared = dot(d, d);
+        }
+        if (squared >= limit) sum -= s.w[i] * options.free_penalty;
+        else if (owner[k] == part || owner[k] < 0) {
+            const float facing = std::max(0.f, dot(rotate(T, s.n[i]), field.points[k].n));
+            sum += s.w[i] * (1 - squared / limit) * (.25f + .75f * facing);
+        } else sum -= s.w[i] * options.free_penalty * options.contested_penalty;
+    }
+    return sum / s.cumulated[count];
+}
+
+// Evidence of a single view against a part, <= 0: surface in seen free space, or facing the sensor in front of the
+// scan without matching it. A reward would favour poses that merely show more surface.
+float Search::violation(int part, const RigidF &T, float distance) const {
+    const Surface &s = model.surface[part];
+    const int count = s.count(100);
+    const float limit = distance * distance;
+    float sum = 0;
+    for (int i = 0; i < count; ++i) {
+        const Vec x = apply(T, s.p[i]);
+        const int64_t at = field.cell_at(x);
+        if (at < 0) {
+            sum -= s.w[i];
+            continue;
+        }
+        const int k = field.nearest(at);
+        const Vec d = k >= 0 ? x - field.points[k].p : Vec{0, 0, 0};
+        if (k >= 0 && dot(d, d) < limit) {
+            const Vec n = rotate(T, s.n[i]), view = field.sensor - x;
+            if (dot(view, n) > .15f * norm(view)) {
+                const float facing = std::max(0.f, dot(n, field.points[k].n));
+                if (dot(d, view) > 0 || facing > .5f)
+                    sum -= .7f * s.w[i] * (1 - (1 - dot(d, d) / limit) * (.25f + .75f * facing));
+            }
+        } else if (!field.is_occluded(at)) sum -= s.w[i];
+    }
+    return sum / s.cumulated[count];
+}
+
+void Search::score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &covered,
+                   std::vector<float> &support) const {
+    const int n = model.parts;
+    covered.assign(configurations.size(), 0.f);
+    support.assign(configurations.size() * n, 0.f);
+    std::vector<uint8_t> mask(n);
+    for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
+    const float support_distance = 1.2f * coverage_distance;
+    parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
+        std::vector<Rigid> T(n);
+        model.forward(configurations[c].base, configurations[c].values.data(), T.data());
+        std::vector<RigidF> F;
+        for (const Rigid &t : T) F.push_back(to_float(t));
+        const Assignment a = assign(&field.points[0].p, int64_t(field.points.size()), 2, T.data(), mask.data(), options.band);
+        covered[c] = coverage(a, F, coverage_distance);
+        float total = 0;
+        for (int p = 0; p < n; ++p) {
+            if (!mask[p]) continue;
+            float &value = support[c * n + p];
+            value = field.has_origin ? violation(p, F[p], support_distance) : exclusive_support(p, F[p], a.part, support_distance);
+            total += model.surface[p].weight * (field.has_origin ? value : std::max(value, options.absent_floor));
+        }
+        configurations[c].score = covered[c] * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
+    });
+}
+
+} // namespace pwr

@@ -1,0 +1,123 @@
+// The search of one model in one scan: part hypotheses, growth through the tree, two-way score, batch refinement.
+#pragma once
+#include "articulated.hpp"
+#include "parallel.hpp"
+#include "scan_field.hpp"
+
+namespace pwr {
+
+struct SearchOptions {
+    // Scales, in units of the model's diagonal.
+    float support_distance = .035f;  // a sample nearer to the scan is supported
+    float coverage_distance = .03f;  // a scan point nearer to the model is covered
+    float band = .06f;               // distances beyond it are all the same
+    // Evidence.
+    float free_penalty = .35f;       // of a sample in free space
+    float occluded_penalty = .05f;   // of a sample in occluded space
+    float contested_penalty = .5f;   // share of the free penalty for a sample that another part explains
+    float support_weight = .6f;      // of model support against scan coverage
+    float absent_floor = .15f;       // least support of a part, full scans
+    float coverage_scale = 1.f;      // number of scan points over the number that the model is expected to yield
+    bool two_way = true;             // whether support counts at all
+    // Growth.
+    float angle_step = .1047198f;
+    int beam = 24, modes = 10, branch_beam = 3;
+    int sweep_samples = 48;
+    float explained_weight = .3f;    // weight of points that fixed parts explain already
+    int threads = 1;
+};
+
+struct Hypothesis {
+    int part;
+    Rigid T;
+    float score;
+};
+
+struct Configuration {
+    Rigid base;
+    std::vector<double> values;
+    float score = 0;
+};
+
+struct Assignment {
+    std::vector<float> distance;
+    std::vector<int> part, sample; // -1 beyond the cap
+};
+
+struct RegrowTask {
+    int configuration, start, next; // next: the neighbour of `start` whose side is grown anew; -1: all around `start`
+    std::vector<float> weights;     // per part; parts of weight 0 are neither grown to nor taken as explaining
+};
+
+class Search {
+  public:
+    Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral);
+
+    // RANSAC with minimal samples of two oriented points, for each of `parts`; the best `keep` distinct poses each.
+    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const;
+    // Refine poses of single parts and score them.
+    void refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const;
+    // Indices of hypotheses (in order) that differ from all before by more than `radius`, the first `keep` of a part.
+    std::vector<int> distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const;
+    // The best configuration grown from each placed part.
+    std::vector<Configuration> grow(const std::vector<Hypothesis> &roots) const;
+    // The best `keep` configurations of each task, in task order.
+    std::vector<Configuration> regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
+                                      int keep) const;
+    // Two-way score of whole configurations; `support` is (m, parts).
+    void score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &coverage,
+               std::vector<float> &support) const;
+    // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
+    void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
+                float sigma_last, float support_weight, const std::vector<float> &part_weights) const;
+    // Normal equations of every part at given placements, from the first `points` shuffled scan points.
+    void accumulate(const std::vector<int> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
+                    float support_weight, const float *part_weights, std::vector<Normal> &normal, Assignment &a) const;
+    Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
+                      float cap) const;
+
+    const Articulated &model;
+    const ScanField &field;
+    SearchOptions options;
+    std::vector<double> neutral;
+    std::vector<int> shuffled; // scan points in a fixed random order: prefixes are fair samples
+
+  private:
+    struct Partial {
+        std::vector<Rigid> T;
+        std::vector<double> values;
+        std::vector<uint8_t> known;
+        double score = 0;
+    };
+    struct Edge {
+        int to, joint; // joint: the part whose joint the edge is
+    };
+    struct Sweep {
+        std::vector<double> values;
+        std::vector<Rigid> down, up;
+        bool circular;
+    };
+    struct Growth {
+        const float *point_weights; // null: all 1
+        const float *part_weights;
+    };
+    float part_score(int part, const RigidF &T, int first, int last, float distance,
+                     const float *point_weights) const;
+    std::vector<Hypothesis> hypotheses_of_part(int part, uint64_t seed, int keep) const;
+    void refine_part(Hypothesis &hypothesis, int iterations) const;
+    std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
+                                   const Growth &growth) const;
+    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, bool leads_somewhere,
+                                    const Growth &growth) const;
+    bool leads_to_surface(int node, int previous, const float *part_weights) const;
+    float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
+    float violation(int part, const RigidF &T, float distance) const;
+    float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
+    void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
+                    float support_weight, const float *part_weights) const;
+
+    std::vector<std::vector<Edge>> edges;
+    std::vector<Sweep> sweeps;
+};
+
+} // namespace pwr

@@ -1,0 +1,223 @@
+#include "search.hpp"
+#include <numeric>
+
+namespace pwr {
+
+Search::Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral)
+    : model(model), field(field), options(options), neutral(std::move(neutral)) {
+    edges.resize(model.parts);
+    sweeps.resize(model.parts);
+    for (int i = 1; i < model.parts; ++i) {
+        edges[i].push_back({model.parent[i], i});
+        edges[model.parent[i]].push_back({i, i});
+        const int joint = model.actuated[i];
+        const double low = model.lower[joint], span = model.upper[joint] - low;
+        Sweep &sweep = sweeps[i];
+        sweep.circular = model.wraps[joint];
+        int steps = 1;
+        if (span > 1e-9) {
+            constexpr double slide_step = .015;
+            constexpr int slide_steps = 25;
+            steps = model.prismatic[i] ? std::min(slide_steps, int(span / slide_step) + 2)
+                                       : int(std::ceil(span / options.angle_step));
+            steps = std::max(3, steps);
+        }
+        for (int v = 0; v < steps; ++v) {
+            const double share = steps == 1 ? 0. : double(v) / (sweep.circular ? steps : steps - 1);
+            sweep.values.push_back(low + span * share);
+            sweep.down.push_back(model.joint_placement(i, sweep.values.back()));
+            sweep.up.push_back(inverse(sweep.down.back()));
+        }
+    }
+    // A fixed seed: the order is a property of the scan, not of the search.
+    Random random(20);
+    shuffled.resize(field.points.size());
+    std::iota(shuffled.begin(), shuffled.end(), 0);
+    for (size_t i = shuffled.size(); i > 1; --i) std::swap(shuffled[i - 1], shuffled[random.below(uint32_t(i))]);
+}
+
+bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
+    if (model.surface[node].exists && part_weights[node] > 0) return true;
+    for (const Edge &e : edges[node])
+        if (e.to != previous && leads_to_surface(e.to, node, part_weights)) return true;
+    return false;
+}
+
+// Keep the best `modes` of a row of scores, each the best within `window` of itself.
+static std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular) {
+    constexpr float taken = -1e9f;
+    const int size = int(row.size());
+    std::vector<int> chosen;
+    while (int(chosen.size()) < modes) {
+        const int best = int(std::max_element(row.begin(), row.end()) - row.begin());
+        if (row[best] <= taken) break;
+        chosen.push_back(best);
+        for (int d = -window; d <= window; ++d) {
+            int j = best + d;
+            if (circular) j = (j % size + size) % size;
+            if (j >= 0 && j < size) row[j] = taken;
+        }
+    }
+    return chosen;
+}
+
+// Sweep the joint of `edge` in every state; the best of all states and modes survive.
+std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &states, int node, Edge edge,
+                                                bool leads_somewhere, const Growth &growth) const {
+    struct Candidate {
+        int state;
+        double value, score;
+        Rigid T;
+    };
+    constexpr int first_samples = 16, silent_modes = 24;
+    const Sweep &sweep = sweeps[edge.joint];
+    const bool down = edge.to == edge.joint;
+    const int joint = model.actuated[edge.joint];
+    const Surface &s = model.surface[edge.to];
+    const float weight = growth.part_weights[edge.to];
+    const bool scored = s.exists && weight > 0;
+    const int first = s.count(first_samples), last = s.count(options.sweep_samples);
+    auto damped = [&](float score) {
+        // Without occlusion knowledge an unsupported part is absent, whatever its pose: poses barely differ.
+        return field.has_origin || score >= 0 ? score : .02f * score;
+    };
+    std::vector<Candidate> candidates;
+    std::vector<float> row, early;
+    std::vector<int> order;
+    for (int i = 0; i < int(states.size()); ++i) {
+        const Partial &state = states[i];
+        if (state.known[joint]) {
+            const Rigid motion = model.joint_placement(edge.joint, state.values[joint]);
+            const Rigid T = state.T[node] * (down ? motion : inverse(motion));
+            float value = 0;
+            if (scored)
+                value = weight * damped(part_score(edge.to, to_float(T), 0, last, options.support_distance, growth.point_weights) / s.cumulated[last]);
+            candidates.push_back({i, state.values[joint], state.score + value, T});
+            continue;
+        }
+        const int steps = int(sweep.values.size());
+        std::vector<Rigid> T(steps);
+        row.assign(steps, 0.f);
+        for (int v = 0; v < steps; ++v) T[v] = state.T[node] * (down ? sweep.down[v] : sweep.up[v]);
+        if (scored) {
+            early.resize(steps);
+            for (int v = 0; v < steps; ++v)
+                early[v] = part_score(edge.to, to_float(T[v]), 0, first, options.support_distance, growth.point_weights);
+            // Only the promising half of the values sees all samples.
+            order.resize(steps);
+            std::iota(order.begin(), order.end(), 0);
+            const int full = std::max(std::min(steps, 2 * options.modes), steps / 2);
+            std::nth_element(order.begin(), order.begin() + (full - 1), order.end(),
+                             [&](int a, int b) { return early[a] != early[b] ? early[a] > early[b] : a < b; });
+            for (int v = 0; v < steps; ++v) row[v] = early[v] / std::max(1e-9f, s.cumulated[first]) - 1.f;
+            for (int at = 0; at < full; ++at) {
+                const int v = order[at];
+                row[v] = (early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last];
+            }
+            for (float &value : row) value = weight * damped(value);
+        }
+        int modes, window;
+        if (!leads_somewhere) modes = 1, window = 0;
+        else if (scored) modes = std::min(options.modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
+        if (!leads_somewhere) {
+            // Nothing to see on that side: keep the prior value.
+            const double value = std::clamp(state.values[joint], model.lower[joint], model.upper[joint]);
+            const Rigid motion = model.joint_placement(edge.joint, value);
+            candidates.push_back({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
+            continue;
+        }
+        for (int v : best_modes(row, modes, window, sweep.circular))
+            candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
+    }
+    std::stable_sort(candidates.begin(), candidates.end(),
+                     [](const Candidate &a, const Candidate &b) { return a.score > b.score; });
+    if (int(candidates.size()) > options.beam) candidates.resize(options.beam);
+    std::vector<Partial> next;
+    next.reserve(candidates.size());
+    for (const Candidate &c : candidates) {
+        next.push_back(states[c.state]);
+        next.back().T[edge.to] = c.T;
+        next.back().values[joint] = c.value;
+        next.back().known[joint] = 1;
+        next.back().score = c.score;
+    }
+    return next;
+}
+
+// Beam search away from `previous`. Along a chain the beam is carried on; at a branching every branch grows on its own
+// from each of the few best states, so that the branches do not multiply.
+std::vector<Search::Partial> Search::grow_from(Partial start, int node, int previous, int only, int keep,
+                                               const Growth &growth) const {
+    std::vector<Partial> states{std::move(start)};
+    auto best_first = [](const Partial &a, const Partial &b) { return a.score > b.score; };
+    while (true) {
+        std::vector<Edge> onward;
+        for (const Edge &e : edges[node])
+            if (e.to != previous && (only < 0 || e.to == only)) onward.push_back(e);
+        if (onward.empty()) break;
+        if (onward.size() > 1) {
+            if (int(states.size()) > options.branch_beam) states.resize(options.branch_beam);
+            for (Partial &state : states)
+                for (const Edge &e : onward) state = grow_from(state, node, previous, e.to, 1, growth).front();
+            std::stable_sort(states.begin(), states.end(), best_first);
+            break;
+        }
+        const Edge edge = onward.front();
+        states = cross_edge(states, node, edge, leads_to_surface(edge.to, node, growth.part_weights), growth);
+        previous = node;
+        node = edge.to;
+        only = -1;
+    }
+    if (int(states.size()) > keep) states.resize(keep);
+    return states;
+}
+
+std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) const {
+    std::vector<Configuration> out(roots.size());
+    std::vector<float> weights;
+    for (const Surface &s : model.surface) weights.push_back(s.weight);
+    parallel_for(int64_t(roots.size()), options.threads, [&](int64_t i) {
+        Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral, std::vector<uint8_t>(model.joints, 0), 0};
+        start.T[roots[i].part] = roots[i].T;
+        start.score = weights[roots[i].part] * roots[i].score;
+        const Growth growth{nullptr, weights.data()};
+        const Partial best = grow_from(start, roots[i].part, -1, -1, 1, growth).front();
+        out[i] = {best.T[0], best.values, float(best.score)};
+    });
+    return out;
+}
+
+std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
+                                          int keep) const {
+    std::vector<std::vector<Configuration>> grown(tasks.size());
+    parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t i) {
+        const RegrowTask &task = tasks[i];
+        const Configuration &c = from[task.configuration];
+        Partial start{std::vector<Rigid>(model.parts), c.values, std::vector<uint8_t>(model.joints, 0), 0};
+        model.forward(c.base, c.values.data(), start.T.data());
+        std::vector<uint8_t> fixed(model.parts, 0);
+        std::vector<float> point_weights;
+        if (task.next >= 0) {
+            const bool downward = task.next > task.start && model.parent[task.next] == task.start;
+            const int cut = downward ? task.next : task.start;
+            for (int p = 0; p < model.parts; ++p) {
+                const bool moves = model.below(p, cut) == downward;
+                fixed[p] = !moves && model.surface[p].exists && task.weights[p] > 0;
+                if (!moves && p > 0 && p != cut) start.known[model.actuated[p]] = 1;
+            }
+            const int64_t count = int64_t(field.points.size());
+            const Assignment a = assign(&field.points[0].p, count, 2, start.T.data(), fixed.data(), options.band);
+            point_weights.resize(count);
+            for (int64_t p = 0; p < count; ++p) point_weights[p] = a.distance[p] < .025f ? options.explained_weight : 1.f;
+        }
+        const Growth growth{point_weights.empty() ? nullptr : point_weights.data(), task.weights.data()};
+        for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
+            grown[i].push_back({state.T[0], state.values, float(state.score)});
+    });
+    std::vector<Configuration> out;
+    for (auto &g : grown) out.insert(out.end(), g.begin(), g.end());
+    return out;
+}
+
+} // namespace pwr

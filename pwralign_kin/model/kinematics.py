@@ -1,0 +1,93 @@
+"""Placements and Jacobians of the parts by Pinocchio.
+
+Pinocchio's model is built without mimic joints; values of all moving joints follow from the actuated ones by
+value = A u + b. A continuous joint stands in Pinocchio's configuration as (cos, sin); users see angles only.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pwralign_kin.exceptions import ModelError
+from pwralign_kin.model.part_graph import MovingJoint
+from pwralign_kin.se3 import Array
+
+
+class Kinematics:
+    """Kinematics of a tree of parts.
+
+    `joints` are the parts' moving joints in the order of the parts (None for the root, which comes first);
+    `actuated` is the number k of actuated joints.
+    """
+
+    def __init__(self, xml: str, path: Path, joints: Sequence[MovingJoint | None], actuated: int) -> None:
+        """Build Pinocchio's model from the normalised URDF; raises `ModelError` where it refuses."""
+        import pinocchio
+
+        try:
+            self.model: Any = pinocchio.buildModelFromXML(xml)
+        except Exception as error:  # Boost.Python maps any C++ exception to any Python one
+            raise ModelError(path, f"Pinocchio does not read it: {error}") from None
+        self._xml, self._path, self._joints, self._count = xml, path, tuple(joints), actuated
+        moving = [joint for joint in joints if joint is not None]
+        self.ids = np.array([0, *(self.model.getJointId(joint.name) for joint in moving)])
+        """(n_parts,) Pinocchio's joint of each part; 0, the universe, for the root."""
+
+        if self.model.njoints != len(self.ids) or (self.ids >= self.model.njoints).any():
+            raise ModelError(path, "Pinocchio reads other joints in it than this package")
+        self.A = np.zeros((len(moving), actuated))
+        """(n_parts - 1, k) and `b` (n_parts - 1,): values of the moving joints = A u + b."""
+
+        self.b = np.array([joint.offset for joint in moving])
+        for row, joint in enumerate(moving):
+            self.A[row, joint.actuated] = joint.multiplier
+        pinocchio_joints = [self.model.joints[int(index)] for index in self.ids[1:]]
+        self._idx_q = np.array([joint.idx_q for joint in pinocchio_joints], dtype=np.int64)
+        self._idx_v = np.array([joint.idx_v for joint in pinocchio_joints], dtype=np.int64)
+        self._circle = np.array([joint.nq == 2 for joint in pinocchio_joints], dtype=bool)
+        self._dv_du = np.zeros((self.model.nv, actuated))
+        self._dv_du[self._idx_v] = self.A
+        self._workspace = threading.local()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as the recipe: Pinocchio's objects stay in their process."""
+        return (Kinematics, (self._xml, self._path, self._joints, self._count))
+
+    def configuration(self, values: Array) -> Array:
+        """Return Pinocchio's q (nq,) for the actuated values (k,)."""
+        moving = self.A @ values + self.b
+        q = np.empty(self.model.nq)
+        q[self._idx_q] = np.where(self._circle, np.cos(moving), moving)
+        q[self._idx_q[self._circle] + 1] = np.sin(moving[self._circle])
+        return q
+
+    def placements(self, values: Array) -> Array:
+        """Return (n_parts, 4, 4) placements of the parts in the root link's frame."""
+        import pinocchio
+
+        data = self._data()
+        pinocchio.forwardKinematics(self.model, data, self.configuration(values))
+        return np.array([data.oMi[int(index)].homogeneous for index in self.ids])
+
+    def jacobians(self, values: Array) -> Array:
+        """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""
+        import pinocchio
+
+        data = self._data()
+        pinocchio.computeJointJacobians(self.model, data, self.configuration(values))
+        frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        J = np.zeros((len(self.ids), 6, self.model.nv))
+        for part, index in enumerate(self.ids[1:], start=1):
+            J[part] = pinocchio.getJointJacobian(self.model, data, int(index), frame)
+        return np.roll(J, 3, axis=1) @ self._dv_du  # Pinocchio puts the linear rows first
+
+    def _data(self) -> Any:
+        """Pinocchio's workspace, one a thread: making one costs as much as the kinematics."""
+        if not hasattr(self._workspace, "data"):
+            self._workspace.data = self.model.createData()
+        return self._workspace.data

@@ -1,0 +1,525 @@
+"""Pictures of a posed model and a scan, drawn by ray casting: no display, window system or GPU is needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import ModelError, StateError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import Array, rotation_about, transform
+from pwralign_kin.state import State
+
+Image = NDArray[np.uint8]
+Indices = NDArray[np.int64]
+Singles = NDArray[np.float32]
+
+SAMPLES_PER_PIXEL = 2
+"""Side of the square of rays that are averaged into one pixel."""
+
+POINT_SHARE = 0.16
+"""Largest share of the model's silhouette that scan points may hide; more of them are thinned out."""
+
+NEAR_SURFACE = 0.02
+"""Scan points within this distance of the model (relative to its diagonal) count as lying on it."""
+
+_CREASE = np.cos(np.radians(40.0))
+POINT_NEAR = np.array([0.06, 0.07, 0.12])
+POINT_FAR = np.array([0.62, 0.62, 0.64])
+_OCCLUSION_RAYS = 8
+_FIELD_OF_VIEW = np.radians(20.0)
+_MARGIN = 0.92
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera in the scan frame."""
+
+    eye: Array
+    """(3,) place of the camera, m."""
+
+    target: Array
+    """(3,) point in the middle of the picture, m."""
+
+    up: Array
+    """(3,) direction that points up in the picture."""
+
+    fov: float
+    """Angle that the shorter side of the picture spans, rad."""
+
+    def axes(self) -> Array:
+        """Return (3, 3) rows: right, down, forward, as unit vectors in the scan frame.
+
+        Raises `StateError` when eye and target coincide.
+        """
+        forward = np.asarray(self.target, dtype=np.float64) - self.eye
+        length = np.linalg.norm(forward)
+        if not length > 0.0:
+            raise StateError("a view needs an eye and a target that differ")
+        return _camera_axes(forward / length, np.asarray(self.up, dtype=np.float64))
+
+
+@dataclass(frozen=True)
+class PosedMesh:
+    """All geometry of a model in one state."""
+
+    vertices: Array
+    """(v, 3) in the scan frame, m."""
+
+    faces: Indices
+    """(f, 3) vertex indices."""
+
+    face_part: Indices
+    """(f,) index of the part that each face belongs to."""
+
+    parts: tuple[str, ...]
+    """Names of the parts."""
+
+    diagonal: float
+    """The model's diagonal, m."""
+
+    @cached_property
+    def centre(self) -> Array:
+        """Middle (3,) of the axis-aligned bounding box, m."""
+        return np.asarray((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2.0)
+
+    @cached_property
+    def scene(self) -> Any:
+        """Open3D's ray casting scene of the mesh, moved by minus `centre` since Open3D computes in single precision."""
+        import open3d as o3d
+
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(
+            o3d.core.Tensor((self.vertices - self.centre).astype(np.float32)),
+            o3d.core.Tensor(self.faces.astype(np.uint32)),
+        )
+        return scene
+
+    @cached_property
+    def corner_normals(self) -> Array:
+        """Normals for shading, (f, 3, 3); see `corner_normals`."""
+        return corner_normals(self.vertices, self.faces)
+
+
+def posed_mesh(model: ArticulatedModel, state: State) -> PosedMesh:
+    """Return the geometry of every part of `model` placed by `state`.
+
+    Raises `UnknownNameError` for joints that the model lacks and `ModelError` for a model without geometry.
+    """
+    T_scan_base = model.root_placement(state)
+    vertices, faces, face_part = [], [], []
+    count = 0
+    placements = model.part_placements(model.values(state.joints))
+    for index, (part, T_base_part) in enumerate(zip(model.parts, placements, strict=True)):
+        vertices.append(transform(T_scan_base @ T_base_part, part.vertices))
+        faces.append(part.faces + count)
+        face_part.append(np.full(len(part.faces), index, dtype=np.int64))
+        count += len(part.vertices)
+    if not sum(map(len, faces)):
+        raise ModelError(model.urdf_path, "the model has no geometry to show")
+    return PosedMesh(
+        np.concatenate(vertices),
+        np.concatenate(faces),
+        np.concatenate(face_part),
+        tuple(part.name for part in model.parts),
+        model.diagonal,
+    )
+
+
+def part_colours(count: int) -> Array:
+    """Return (count, 3) sRGB colours in [0, 1], neighbours in the list far apart in hue, alike in lightness.
+
+    Hues follow the golden angle in the OKLCH space (Ottosson, 2020, "A perceptual color space for image processing").
+    """
+    index = np.arange(count)
+    lightness = 0.76 + 0.06 * ((index % 3) - 1)
+    hue = np.radians(250.0 + 137.50776 * index)
+    chroma = 0.105
+    lms = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=1) @ _OKLAB_TO_LMS.T
+    return _to_srgb(np.clip(lms**3 @ _LMS_TO_LINEAR.T, 0.0, 1.0))
+
+
+def render(
+    model: ArticulatedModel,
+    state: State,
+    scan: Scan | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    view: View | None = None,
+) -> Image:
+    """Return a picture (height, width, 3) of `model` in `state`, each part in its own colour, on white.
+
+    Points of `scan` that are not hidden by the model are drawn as dots, dark on the surface and grey off it. `size` is
+    (width, height) in pixels; `view` is by default the first of `default_views`. Colours are `part_colours`.
+    Raises `UnknownNameError` for joints that the model lacks and `ModelError` for a model without geometry.
+    """
+    mesh = posed_mesh(model, state)
+    return draw(mesh, default_views(mesh, scan, size=size)[0] if view is None else view, scan, size=size)
+
+
+def default_views(
+    mesh: PosedMesh, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720), up: Array | None = None
+) -> tuple[View, View]:
+    """Return two views that show the mesh well in a picture of `size` (width, height).
+
+    The first is from the sensor if `scan` has one origin, else oblique from the side that shows most of the parts and
+    of the scan; the second is from another side. `up` (3,) is the upward direction in the scan frame, by default z.
+    """
+    up = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
+    candidates = [_oblique_view(mesh, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))]
+    scores = np.array([_view_score(mesh, scan, view, size) for view in candidates])
+    if scan is not None and scan.sensor_origin is not None and np.ndim(scan.sensor_origin) == 1:
+        first = _view_from(np.asarray(scan.sensor_origin, dtype=np.float64), mesh, up, size)
+    else:
+        first = candidates[int(np.argmax(scores))]
+    turned = np.array([_azimuth_cosine(first, view, up) for view in candidates])
+    second = candidates[int(np.argmax(np.where(np.abs(turned) < 0.6, scores, -np.inf)))]
+    return first, second
+
+
+def draw(mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720)) -> Image:
+    """Return the picture (height, width, 3) of `mesh` from `view` with the points of `scan`; see `render`."""
+    buffers = _cast(mesh, view, (SAMPLES_PER_PIXEL * size[0], SAMPLES_PER_PIXEL * size[1]))
+    colour = _shaded(mesh, buffers, view)
+    colour *= 1.0 - 0.75 * _edges(buffers, mesh.diagonal)[..., None]
+    if scan is not None and len(scan.points):
+        _paint_points(colour, mesh, buffers, view, scan.points)
+    return _averaged(colour, size)
+
+
+def corner_normals(vertices: Array, faces: Indices) -> Array:
+    """Return unit normals (f, 3, 3) of every corner of `faces` (f, 3), smooth over edges bent by less than 40 degrees.
+
+    Around a vertex, faces joined by smooth edges share the sum of their area-weighted normals. Vertices at the same
+    place count as one. A face without area has the normal zero.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    corners = vertices[faces]
+    area_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(area_normal, axis=1)
+    unit = area_normal / np.where(length > 0.0, length, 1.0)[:, None]
+
+    place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    # Half-edge `k` of a face runs from its corner k to its corner k + 1.
+    start, end = place.reshape(-1), np.roll(place, -1, axis=1).reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((high, low))
+    one, two = order[:-1], order[1:]
+    shared = (low[one] == low[two]) & (high[one] == high[two])
+    one, two = one[shared], two[shared]
+    smooth = np.einsum("ij,ij->i", unit[one // 3], unit[two // 3]) > _CREASE
+    one, two = one[smooth], two[smooth]
+
+    def following(half_edge: Indices) -> Indices:
+        return half_edge - half_edge % 3 + (half_edge + 1) % 3
+
+    same_way = start[one] == start[two]
+    linked_two_start = np.where(same_way, two, following(two))
+    linked_two_end = np.where(same_way, following(two), two)
+    rows = np.concatenate([one, following(one)])
+    columns = np.concatenate([linked_two_start, linked_two_end])
+    size = 3 * len(faces)
+    _, group = connected_components(coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size)))
+    per_corner = np.repeat(area_normal, 3, axis=0)
+    total = np.stack([np.bincount(group, per_corner[:, axis]) for axis in range(3)], axis=1)
+    total_length = np.linalg.norm(total, axis=1, keepdims=True)
+    total /= np.where(total_length > 0.0, total_length, 1.0)
+    return np.asarray(total[group].reshape(-1, 3, 3))
+
+
+# --- views ------------------------------------------------------------------------------------------------------------
+
+
+def _camera_axes(forward: Array, up: Array) -> Array:
+    """Return (3, 3) rows right, down, forward for the unit direction `forward`; any `up` will do, even along it."""
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6 * max(float(np.linalg.norm(up)), 1e-12):
+        right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def _tangents(size: tuple[int, int], fov: float) -> Array:
+    """Return half the width and half the height of the picture at distance 1."""
+    return np.asarray(np.tan(fov / 2.0) * np.array(size) / min(size))
+
+
+def _fitted_view(mesh: PosedMesh, forward: Array, up: Array, size: tuple[int, int]) -> View:
+    """Return the closest view along `forward` that holds the whole mesh.
+
+    A vertex (x, y, z) in camera axes is inside when |x - ex| <= t (z - ez): linear in the eye (ex, ez), so the
+    tightest eye is found in closed form.
+    """
+    axes = _camera_axes(forward, up)
+    in_axes = mesh.vertices @ axes.T
+    bounds = []
+    eye = np.zeros(3)
+    for side, tangent in enumerate(_MARGIN * _tangents(size, _FIELD_OF_VIEW)):
+        left = float(np.min(tangent * in_axes[:, 2] + in_axes[:, side]))
+        right = float(np.min(tangent * in_axes[:, 2] - in_axes[:, side]))
+        eye[side] = (left - right) / 2.0
+        bounds.append((left + right) / (2.0 * tangent))
+    eye[2] = min(bounds)
+    return View(eye @ axes, eye @ axes + axes[2], up, float(_FIELD_OF_VIEW))
+
+
+def _view_from(eye: Array, mesh: PosedMesh, up: Array, size: tuple[int, int]) -> View:
+    """Return the view from `eye` that just holds the mesh, or one along the same line where `eye` is too close."""
+    forward = mesh.centre - eye
+    distance = float(np.linalg.norm(forward))
+    if distance < 1e-6:
+        return _oblique_view(mesh, up, 0.0, size)
+    forward = forward / distance
+    for _ in range(3):
+        axes = _camera_axes(forward, up)
+        in_axes = (mesh.vertices - eye) @ axes.T
+        if in_axes[:, 2].min() < 0.1 * distance:
+            return _fitted_view(mesh, forward, up, size)
+        slopes = in_axes[:, :2] / in_axes[:, 2:]
+        middle = (slopes.min(axis=0) + slopes.max(axis=0)) / 2.0
+        forward = np.array([*middle, 1.0]) @ axes
+        forward /= np.linalg.norm(forward)
+    half = np.abs(slopes - middle).max(axis=0) / np.array(size) * min(size) / _MARGIN
+    fov = 2.0 * float(np.arctan(half.max()))
+    if fov > np.radians(75.0):
+        return _fitted_view(mesh, forward, up, size)
+    return View(eye, eye + forward * distance, up, fov)
+
+
+def _oblique_view(mesh: PosedMesh, up: Array, azimuth: float, size: tuple[int, int]) -> View:
+    """Return the fitted view from `azimuth` (rad) about `up`, looking down by 20 degrees."""
+    up = up / np.linalg.norm(up)
+    level = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    level = rotation_about(up, azimuth) @ (level / np.linalg.norm(level))
+    elevation = np.radians(20.0)
+    return _fitted_view(mesh, np.cos(elevation) * level - np.sin(elevation) * up, up, size)
+
+
+def _azimuth_cosine(one: View, two: View, up: Array) -> float:
+    """Return the cosine of the angle between the two directions of view, seen along `up`."""
+    flat = [view.axes()[2] - view.axes()[2] @ up * up / (up @ up) for view in (one, two)]
+    lengths = np.linalg.norm(flat[0]) * np.linalg.norm(flat[1])
+    return float(flat[0] @ flat[1] / lengths) if lengths > 1e-9 else 0.0
+
+
+def _view_score(mesh: PosedMesh, scan: Scan | None, view: View, size: tuple[int, int]) -> float:
+    """Return how much a view shows: every part counts by the root of its visible area, times the share of scan seen."""
+    width, height = (max(1, round(96 * side / max(size))) for side in size)
+    buffers = _cast(mesh, view, (width, height))
+    hit = buffers.part >= 0
+    areas = np.bincount(buffers.part[hit], buffers.depth[hit] ** 2, minlength=len(mesh.parts))
+    seen = 0.0
+    if scan is not None and len(scan.points):
+        points = scan.points[:: max(1, len(scan.points) // 2000)]
+        pixel, depth = _projected(points, view, buffers.size)
+        shown = (pixel >= 0) & (depth < buffers.depth.reshape(-1)[pixel] + NEAR_SURFACE * mesh.diagonal)
+        seen = np.count_nonzero(shown) / len(points)
+    return float(np.sqrt(areas).sum() * (0.5 + seen))
+
+
+# --- drawing ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Buffers:
+    """What each ray of a view met; all arrays (height, width, ...)."""
+
+    directions: Singles  # unit, scan frame
+    depth: Singles  # along the forward axis, m; infinite where nothing is met
+    face: Indices  # -1 where nothing is met
+    part: Indices  # -1 where nothing is met
+    normal: Singles  # of the face met, towards the camera
+    barycentric: Singles  # of the corners 1 and 2 of the face
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.depth.shape[1], self.depth.shape[0]
+
+
+def _cast(mesh: PosedMesh, view: View, size: tuple[int, int]) -> _Buffers:
+    """Cast one ray through the middle of every pixel."""
+    import open3d as o3d
+
+    axes = view.axes().astype(np.float32)
+    across, down = _tangents(size, view.fov)
+    x = across * ((np.arange(size[0]) + 0.5) / size[0] * 2.0 - 1.0)
+    y = down * ((np.arange(size[1]) + 0.5) / size[1] * 2.0 - 1.0)
+    rays = np.empty((size[1], size[0], 6), dtype=np.float32)
+    rays[..., :3] = view.eye - mesh.centre
+    directions = rays[..., 3:]
+    directions[:] = x.astype(np.float32)[None, :, None] * axes[0] + y.astype(np.float32)[:, None, None] * axes[1] + axes[2]
+    directions /= np.sqrt(np.einsum("...i,...i->...", directions, directions))[..., None]
+    hits = mesh.scene.cast_rays(o3d.core.Tensor(rays))
+    distance = hits["t_hit"].numpy()
+    missed = np.isinf(distance)
+    face = np.where(missed, 0, hits["primitive_ids"].numpy()).astype(np.int64)
+    normal = hits["primitive_normals"].numpy()
+    normal *= np.where(np.einsum("...i,...i->...", normal, directions) > 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
+    return _Buffers(
+        directions=directions,
+        depth=distance * (directions @ axes[2]),
+        face=np.where(missed, -1, face),
+        part=np.where(missed, -1, mesh.face_part[face]),
+        normal=normal,
+        barycentric=hits["primitive_uvs"].numpy(),
+    )
+
+
+def _shaded(mesh: PosedMesh, buffers: _Buffers, view: View) -> Singles:
+    """Return the lit picture (height, width, 3) in linear light: Lambert's law, two lamps, and ambient occlusion."""
+    hit = buffers.face >= 0
+    flat = buffers.normal[hit]
+    u, v = buffers.barycentric[hit].T
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    smooth = np.einsum("nc,nci->ni", weights, mesh.corner_normals[buffers.face[hit]].astype(np.float32))
+    smooth *= np.where(np.einsum("ni,ni->n", smooth, flat) < 0.0, -1.0, 1.0)[:, None]
+    length = np.linalg.norm(smooth, axis=1, keepdims=True)
+    normal = np.where(length > 0.5, smooth / np.where(length > 0.0, length, 1.0), flat)
+
+    axes = view.axes().astype(np.float32)
+    key = np.array([-0.45, -0.75, -0.6]) @ axes
+    fill = np.array([0.8, -0.1, -0.5]) @ axes
+    key_light = np.clip(normal @ (key / np.linalg.norm(key)).astype(np.float32), 0.0, None)
+    fill_light = np.clip(normal @ (fill / np.linalg.norm(fill)).astype(np.float32), 0.0, None)
+    sky = 0.5 - 0.5 * normal @ axes[1]
+    openness = _openness(mesh, buffers, view)[hit]
+    light = (0.28 + 0.30 * sky + 0.14 * fill_light) * openness + 0.52 * key_light * (0.4 + 0.6 * openness)
+    colour = np.ones((*hit.shape, 3), dtype=np.float32)
+    colour[hit] = to_linear(part_colours(len(mesh.parts))).astype(np.float32)[buffers.part[hit]] * light[:, None]
+    return colour
+
+
+def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
+    """Return (height, width) the cosine-weighted share of sky that each pixel's surface sees, out to 0.15 diagonals.
+
+    Traced for one ray in four, with few rays each, and smoothed.
+    """
+    import open3d as o3d
+    from scipy.ndimage import uniform_filter
+
+    coarse = np.s_[::2, ::2]
+    hit = buffers.face[coarse] >= 0
+    normals, directions = buffers.normal[coarse][hit], buffers.directions[coarse][hit]
+    distance = buffers.depth[coarse][hit] / (directions @ view.axes()[2])
+    places = view.eye - mesh.centre + directions * distance[:, None] + 1e-4 * mesh.diagonal * normals
+
+    rng = np.random.default_rng(0)
+    shift, turn = rng.random((2, len(places), 1), dtype=np.float32)
+    steps = np.arange(_OCCLUSION_RAYS, dtype=np.float32)
+    # A golden-angle spiral on the disc, shifted and turned at random from place to place.
+    radii = np.sqrt((steps + shift) / _OCCLUSION_RAYS)
+    angles = np.float32(2.0 * np.pi) * turn + np.float32(2.39996) * steps
+    helper = np.where(np.abs(normals[:, :1]) < 0.7, *np.eye(3, dtype=np.float32)[:2, None])
+    tangent = np.cross(normals, helper)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    bitangent = np.cross(normals, tangent)
+    rays = np.empty((len(places), _OCCLUSION_RAYS, 6), dtype=np.float32)
+    rays[..., :3] = places[:, None]
+    rays[..., 3:] = (
+        (radii * np.cos(angles))[..., None] * tangent[:, None]
+        + (radii * np.sin(angles))[..., None] * bitangent[:, None]
+        + np.sqrt(1.0 - radii**2)[..., None] * normals[:, None]
+    )
+    blocked = mesh.scene.test_occlusions(o3d.core.Tensor(rays), tnear=0.0, tfar=0.15 * mesh.diagonal).numpy()
+    total = np.zeros(hit.shape)
+    total[hit] = 1.0 - blocked.mean(axis=1)
+    weight = uniform_filter(hit.astype(np.float64), 5, mode="constant")
+    smooth = np.where(weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0)
+    return np.asarray(smooth.repeat(2, axis=0).repeat(2, axis=1)[: buffers.size[1], : buffers.size[0]])
+
+
+def _edges(buffers: _Buffers, diagonal: float) -> Array:
+    """Return the darkness (height, width) of outlines: 1 between parts and where depth jumps, less along creases."""
+    darkness = np.zeros(buffers.depth.shape)
+    hit = buffers.face >= 0
+    depth = np.where(hit, buffers.depth, 1e3 * diagonal)
+    for axis in (0, 1):
+        here = tuple(slice(None, -1) if axis == side else slice(None) for side in (0, 1))
+        there = tuple(slice(1, None) if axis == side else slice(None) for side in (0, 1))
+        outline = (buffers.part[here] != buffers.part[there]) | (np.abs(depth[here] - depth[there]) > 0.03 * diagonal)
+        bend = np.einsum("...i,...i->...", buffers.normal[here], buffers.normal[there])
+        crease = hit[here] & hit[there] & (bend < 0.7)
+        strength = np.where(outline, 1.0, np.where(crease, 0.35, 0.0))
+        darkness[here] = np.maximum(darkness[here], strength)
+        darkness[there] = np.maximum(darkness[there], strength)
+    return darkness
+
+
+def _projected(points: Array, view: View, size: tuple[int, int]) -> tuple[Indices, Array]:
+    """Return the flat pixel index (n,) of each point, -1 outside the picture, and its depth (n,), m."""
+    in_axes = (points - view.eye) @ view.axes().T
+    depth = in_axes[:, 2]
+    ahead = depth > 1e-9
+    slopes = in_axes[:, :2] / np.where(ahead, depth, 1.0)[:, None]
+    place = np.floor((slopes / _tangents(size, view.fov) + 1.0) / 2.0 * np.array(size))
+    inside = ahead & (place >= 0).all(axis=1) & (place < np.array(size)).all(axis=1)
+    column, row = np.where(inside[:, None], place, 0.0).astype(np.int64).T
+    return np.where(inside, row * size[0] + column, -1), depth
+
+
+def _paint_points(colour: Singles, mesh: PosedMesh, buffers: _Buffers, view: View, points: Array) -> None:
+    """Paint dots into `colour` (height, width, 3) where the model does not hide them."""
+    import open3d as o3d
+
+    pixel, depth = _projected(points, view, buffers.size)
+    surface = buffers.depth.reshape(-1)
+    shown = np.flatnonzero((pixel >= 0) & (depth <= surface[pixel] + 0.5 * NEAR_SURFACE * mesh.diagonal))
+    local = o3d.core.Tensor((points[shown] - mesh.centre).astype(np.float32))
+    near = mesh.scene.compute_distance(local).numpy() < NEAR_SURFACE * mesh.diagonal
+
+    radius = max(1.0, 1.5e-3 * float(np.sqrt(buffers.depth.size)))
+    reach = int(np.ceil(radius))
+    offsets = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+    offsets = offsets[(offsets**2).sum(axis=1) <= radius**2 + 0.5]
+    rng = np.random.default_rng(0)
+    limit = int(POINT_SHARE * np.count_nonzero(buffers.part >= 0) / len(offsets))
+    for chosen, dot, opacity in ((shown[~near], POINT_FAR, 0.6), (shown[near], POINT_NEAR, 0.85)):
+        kept = rng.permutation(chosen)[:limit]
+        rows = pixel[kept, None] // buffers.size[0] + offsets[:, 0]
+        columns = pixel[kept, None] % buffers.size[0] + offsets[:, 1]
+        inside = (rows >= 0) & (rows < colour.shape[0]) & (columns >= 0) & (columns < colour.shape[1])
+        covered = np.zeros(colour.shape[:2], dtype=bool)
+        covered[rows[inside], columns[inside]] = True
+        colour[covered] += opacity * (to_linear(dot) - colour[covered])
+
+
+def _averaged(colour: Singles, size: tuple[int, int]) -> Image:
+    """Return the picture at its final size, averaged in linear light, as sRGB bytes."""
+    width, height = size
+    blocks = colour.reshape(height, SAMPLES_PER_PIXEL, width, SAMPLES_PER_PIXEL, 3)
+    return np.asarray(np.rint(255.0 * _to_srgb(np.clip(blocks.mean(axis=(1, 3)), 0.0, 1.0))), dtype=np.uint8)
+
+
+# --- colour -----------------------------------------------------------------------------------------------------------
+
+_OKLAB_TO_LMS = np.array(
+    [
+        [1.0, 0.3963377774, 0.2158037573],
+        [1.0, -0.1055613458, -0.0638541728],
+        [1.0, -0.0894841775, -1.2914855480],
+    ]
+)
+_LMS_TO_LINEAR = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
+
+
+def _to_srgb(linear: Array) -> Array:
+    """Return linear light in [0, 1] encoded as sRGB (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1.0 / 2.4) - 0.055)
+
+
+def to_linear(srgb: Array) -> Array:
+    """Return sRGB in [0, 1] decoded to linear light (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

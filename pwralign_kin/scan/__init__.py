@@ -1,0 +1,7 @@
+"""From files, arrays and depth images to a clean `Scan`."""
+
+from pwralign_kin.scan.scan import DepthCamera, Scan
+from pwralign_kin.scan.units import check_units
+from pwralign_kin.scan.writers import write_ply
+
+__all__ = ["DepthCamera", "Scan", "check_units", "write_ply"]

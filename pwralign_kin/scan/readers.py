@@ -1,0 +1,249 @@
+"""Files -> arrays: one reader a format, chosen by the suffix; every failure is a `ScanError` with file and
+cause.
+
+Only Python and NumPy parse the bytes; no native parser sees a file.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan.content import FileContent
+from pwralign_kin.scan.pcd import read_pcd
+from pwralign_kin.scan.ply import read_ply
+from pwralign_kin.se3 import Array
+
+MESH_SAMPLES = 50_000
+"""Points drawn from a scanned mesh: about 1% of the diagonal apart on a surface of the size of its box."""
+
+_COMMENTS = ("#", "//")
+
+
+def read(path: Path | str) -> FileContent:
+    """Return the points of a scan file, in the file's unit and frame; meshes come sampled, never with faces.
+
+    Formats by suffix: .ply, .pcd, .xyz .pts .txt .asc .csv, .npy .npz, .obj, .stl, .glb. Text has x, y, z in
+    its first three columns or under a heading that names them, an optional leading count, comments after # or
+    //. NPZ has the key `points` and optionally `sensor_origin` and `normals`. Meshes are sampled uniformly by
+    area, 50,000 points, always the same; a mesh file without faces gives its vertices.
+
+    Raises `ScanError` for a file that is missing, a folder, unreadable, of an unknown suffix, empty,
+    truncated, malformed or not numeric.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ScanError(path, "this is a folder, not a scan file")
+    if not path.exists():
+        raise ScanError(path, "no such file")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ScanError(path, f"cannot read: {error.strerror}") from None
+    if not data.strip():
+        raise ScanError(path, "the file is empty")
+    content = reader(data, path)
+    if content.faces is None:
+        return content
+    return FileContent(points=_sampled(content.points, content.faces, path))
+
+
+def _sampled(vertices: Array, faces: NDArray[np.int64], path: Path) -> Array:
+    """Return `MESH_SAMPLES` points spread uniformly by area over the triangles (Osada et al. 2002, eq. 1)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    areas[~np.isfinite(areas)] = 0.0
+    if not areas.sum() > 0.0:
+        raise ScanError(path, "the mesh has no surface: all its triangles are degenerate")
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(faces), MESH_SAMPLES, p=areas / areas.sum())
+    root, share = np.sqrt(rng.random((MESH_SAMPLES, 1))), rng.random((MESH_SAMPLES, 1))
+    return np.asarray((1.0 - root) * a[chosen] + root * (1.0 - share) * b[chosen] + root * share * c[chosen])
+
+
+def _read_text(data: bytes, path: Path) -> FileContent:
+    if b"\0" in data[:4096]:
+        raise ScanError(path, "binary data where text with numbers is expected")
+    lines = data.decode("utf-8-sig", errors="replace").splitlines()
+    rows = ((number, _words(line)) for number, line in enumerate(lines))
+    first, words = next(((number, words) for number, words in rows if words), (0, []))
+    announced = None
+    if len(words) == 1 and words[0].isdigit():
+        announced = int(words[0])
+        first, words = next(((number, words) for number, words in rows if words), (0, []))
+    columns = _heading_columns(words)
+    if columns is not None:
+        first, words = next(((number, words) for number, words in rows if words), (0, []))
+    if not words:
+        raise ScanError(path, "the file has no points")
+    columns = columns or (0, 1, 2)
+    try:
+        points = np.loadtxt(
+            lines[first:], delimiter=_delimiter(lines[first]), comments=_COMMENTS, usecols=columns, ndmin=2
+        )
+    except ValueError as error:
+        raise ScanError(path, _text_fault(lines, first, columns) or str(error)) from None
+    if announced is not None and announced != len(points):
+        word = "truncated: " if len(points) < announced else ""
+        raise ScanError(path, f"{word}the first line announces {announced} points, {len(points)} follow")
+    return FileContent(points=points)
+
+
+def _delimiter(line: str) -> str | None:
+    return next((mark for mark in ";," if mark in line), None)
+
+
+def _words(line: str) -> list[str]:
+    """Return the columns of a line, none for a blank line or a comment."""
+    for mark in _COMMENTS:
+        line = line.split(mark, 1)[0]
+    return [word.strip() for word in line.split(_delimiter(line))] if line.strip() else []
+
+
+def _heading_columns(words: list[str]) -> tuple[int, int, int] | None:
+    """Return where x, y, z stand when `words` is a heading that names them."""
+    names = [word.strip("\"'").lower() for word in words]
+    return (names.index("x"), names.index("y"), names.index("z")) if {"x", "y", "z"} <= set(names) else None
+
+
+def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> str | None:
+    """Return what is wrong with the first line that does not hold three numbers."""
+    for number, line in enumerate(lines[first:], start=first + 1):
+        words = _words(line)
+        if not words:
+            continue
+        if len(words) <= max(columns):
+            return f"line {number}: {len(words)} columns where at least {max(columns) + 1} are expected"
+        for column in columns:
+            try:
+                float(words[column])
+            except ValueError:
+                return f"line {number}: {words[column][:40]!r} is not a number"
+    return None
+
+
+def _read_npy(data: bytes, path: Path) -> FileContent:
+    return FileContent(points=_columns_xyz(_numpy_content(data, path, b"\x93NUMPY"), path, "points"))
+
+
+def _read_npz(data: bytes, path: Path) -> FileContent:
+    archive = _numpy_content(data, path, b"PK")
+    try:
+        arrays = {
+            name: archive[name] for name in ("points", "sensor_origin", "normals") if name in archive.files
+        }
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        KeyError,
+        MemoryError,
+        zipfile.BadZipFile,
+        NotImplementedError,
+    ) as error:
+        raise ScanError(path, f"truncated or malformed: {error}") from None
+    if "points" not in arrays:
+        raise ScanError(path, f"no array named points; the file has {', '.join(archive.files) or 'none'}")
+    return FileContent(
+        points=_columns_xyz(arrays["points"], path, "points"),
+        normals=_columns_xyz(arrays["normals"], path, "normals") if "normals" in arrays else None,
+        sensor_origin=_numeric(arrays["sensor_origin"], path, "sensor_origin")
+        if "sensor_origin" in arrays
+        else None,
+    )
+
+
+def _numpy_content(data: bytes, path: Path, magic: bytes) -> Any:
+    if not data.startswith(magic):
+        raise ScanError(path, f"not a NumPy {path.suffix.lower()} file")
+    try:
+        return np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, OSError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+        raise ScanError(path, f"truncated or malformed: {error}") from None
+
+
+def _numeric(array: NDArray[np.generic], path: Path, name: str) -> Array:
+    if array.dtype.kind not in "fiu":
+        raise ScanError(path, f"the array {name} is not numeric but {array.dtype}")
+    return array.astype(np.float64)
+
+
+def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
+    if array.ndim != 2 or array.shape[1] < 3:
+        raise ScanError(
+            path, f"the array {name} must have the shape (n, 3) or more columns, got {array.shape}"
+        )
+    return _numeric(array, path, name)[:, :3]
+
+
+def _read_mesh(data: bytes, path: Path) -> FileContent:
+    """Read OBJ, STL or GLB by trimesh, whose parsers for these are Python and NumPy; materials are not looked
+    at."""
+    import trimesh
+
+    suffix = path.suffix.lower()
+    _check_complete(data, suffix, path)
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], skip_materials=True)
+        pieces = [(*scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
+        placed = [_placed(geometry[name], T) for T, name, geometry in pieces]
+    except (
+        Exception
+    ) as error:  # a parser of foreign bytes may raise anything; all of it means the same to the user
+        raise ScanError(path, f"malformed {suffix} mesh: {type(error).__name__}: {error}") from None
+    if not sum(len(vertices) for vertices, _ in placed):
+        raise ScanError(path, f"no geometry found; truncated or not a {suffix} mesh")
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
+    vertices = np.concatenate([vertices for vertices, _ in placed])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(placed, starts, strict=False)])
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise ScanError(path, "faces name vertices that do not exist")
+    return FileContent(points=vertices, faces=faces if len(faces) else None)
+
+
+def _placed(geometry: Any, T: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the vertices, in the file's frame, and faces of a trimesh mesh or point cloud."""
+    vertices = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+    return vertices, np.asarray(getattr(geometry, "faces", ()), dtype=np.int64).reshape(-1, 3)
+
+
+def _check_complete(data: bytes, suffix: str, path: Path) -> None:
+    """Raise `ScanError` for a file shorter than its own header says; trimesh would read it as empty."""
+    if suffix == ".glb":
+        if not data.startswith(b"glTF") or len(data) < 12:
+            raise ScanError(path, "not a GLB file")
+        announced = int.from_bytes(data[8:12], "little")
+        if len(data) < announced:
+            raise ScanError(path, f"truncated: {len(data)} of {announced} bytes")
+    if suffix == ".stl":
+        if data.lstrip().startswith(b"solid") and b"facet" in data[:2000]:
+            if b"endsolid" not in data[-2000:]:
+                raise ScanError(path, "truncated: the STL text has no end")
+        elif len(data) < 84 or len(data) < 84 + 50 * int.from_bytes(data[80:84], "little"):
+            raise ScanError(path, "truncated or not an STL file")
+
+
+_READERS: dict[str, Callable[[bytes, Path], FileContent]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".xyz": _read_text,
+    ".pts": _read_text,
+    ".txt": _read_text,
+    ".asc": _read_text,
+    ".csv": _read_text,
+    ".npy": _read_npy,
+    ".npz": _read_npz,
+    ".obj": _read_mesh,
+    ".stl": _read_mesh,
+    ".glb": _read_mesh,
+}

@@ -1,0 +1,336 @@
+"""The scan: clean points, and where they were seen from."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan import readers
+from pwralign_kin.se3 import Array, checked_placement, transform
+
+logger = logging.getLogger(__name__)
+
+Units = Literal["m", "mm", "auto"]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+MIN_POINTS = 10
+"""Fewer distinct points than this cannot fix a rigid part, let alone joints."""
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """The pinhole camera of a depth image. What lies outside its image was not looked at: unknown, not
+    free."""
+
+    intrinsics: Array
+    """(3, 3) matrix from camera coordinates (x right, y down, z forward) to pixels; integers are pixel
+    centres."""
+
+    width: int
+    """Columns of the image."""
+
+    height: int
+    """Rows of the image."""
+
+    T_scan_camera: Array
+    """(4, 4) placement of the camera in the scan frame, translation in m."""
+
+
+class Scan:
+    """Points of a scan in one frame, in m: finite, distinct, never changed.
+
+    Attributes:
+        points: (n, 3) float64, read-only, in the order given.
+        normals: (n, 3) unit normals as the source gave them, or None.
+        sensor_origin: None (unknown), (3,) for one viewpoint, or (n, 3) aligned with `points` for fused
+            scans; m.
+        camera: the depth camera of a scan made by `from_depth`, else None.
+        source: the file, or a word for the array; error messages begin with it.
+        n_input: number of points given.
+        source_index: (n,) index of each kept point among the points given.
+        dropped: how many points were dropped and why: "non_finite", "duplicate" and, after `cropped`,
+            "cropped".
+    """
+
+    points: Array
+    normals: Array | None
+    sensor_origin: Array | None
+    camera: DepthCamera | None
+    source: str
+    n_input: int
+    source_index: NDArray[np.int64]
+    dropped: dict[str, int]
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        *,
+        sensor_origin: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+        source: Path | str = "array",
+    ) -> None:
+        """Clean `points` (n, 3), m; non-finite points and exact duplicates are dropped, counted and logged.
+
+        `sensor_origin` (3,) or (n, 3), m, and `normals` (n, 3) belong to the points as given. Normals that
+        are not all finite and non-zero are discarded as a whole.
+
+        Raises `ScanError` for a wrong shape, non-numeric content, a non-finite sensor origin, no finite point
+        at all, or fewer than ten distinct points.
+        """
+        self.source = str(source)
+        given = self._numbers(points, "points")
+        if given.ndim != 2 or given.shape[1] != 3:
+            raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}")
+        if len(given) == 0:
+            raise ScanError(self.source, "the scan has no points")
+        finite = np.isfinite(given).all(axis=1)
+        if not finite.any():
+            raise ScanError(self.source, f"none of the {len(given)} points is finite")
+        kept = np.flatnonzero(finite)
+        kept = kept[_first_occurrences(given[kept])]
+
+        self.n_input = len(given)
+        self.dropped = {
+            "non_finite": len(given) - int(finite.sum()),
+            "duplicate": int(finite.sum()) - len(kept),
+        }
+        self.camera = None
+        self._keep(
+            kept,
+            given,
+            self._checked_origin(sensor_origin, len(given)),
+            self._checked_normals(normals, len(given)),
+        )
+        if any(self.dropped.values()):
+            logger.info(
+                "%s: dropped %d non-finite and %d duplicate points of %d",
+                self.source, self.dropped["non_finite"], self.dropped["duplicate"], self.n_input,
+            )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Units = "m") -> Scan:
+        """Read a scan file: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, or a scanned mesh (OBJ, STL, GLB, PLY with
+        faces).
+
+        Meshes are sampled uniformly by area with a fixed seed. `sensor_origin` (3,) or (n, 3), in the unit of
+        the file, overrides one in the file. `units` is the unit of the file: "mm" converts to m; "auto" keeps
+        the numbers as they are, because only beside a model can the unit be told: pass the scan on to
+        `check_units`.
+
+        Raises `ScanError` naming the file and the cause.
+        """
+        if units not in ("m", "mm", "auto"):
+            raise ScanError(path, f"unknown unit {units!r}; valid: m, mm, auto")
+        content = readers.read(path)
+        origin = content.sensor_origin if sensor_origin is None else sensor_origin
+        scan = cls(content.points, sensor_origin=origin, normals=content.normals, source=path)
+        return scan.scaled(1e-3) if units == "mm" else scan
+
+    @classmethod
+    def from_depth(
+        cls,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        T_scan_camera: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+        depth_scale: float | None = None,
+        source: Path | str = "depth image",
+    ) -> Scan:
+        """Back-project a depth image (h, w) by the pinhole model: p = depth * K^-1 (column, row, 1).
+
+        `depth` is the distance along the optical axis: floats in m, or integers with `depth_scale` (m per
+        unit, 0.001 for millimetres). Zero, negative and non-finite depths are no return. `intrinsics` is the
+        (3, 3) matrix K or (fx, fy, cx, cy), pixels. `T_scan_camera` (4, 4) places the camera (x right, y
+        down, z forward), by default at the scan's origin. `mask` (h, w) tells which pixels to use. Points
+        count as given per pixel, row by row, so that `source_index` is the flat pixel index; the sensor
+        origin is the camera's.
+
+        Raises `ScanError` for wrong shapes or numbers, `StateError` for a `T_scan_camera` that is not rigid.
+        """
+        word = str(source)
+        raw = np.asarray(depth)
+        if raw.ndim != 2 or raw.dtype.kind not in "fiu":
+            raise ScanError(
+                word, f"depth must be a numeric image (h, w), got shape {raw.shape} of {raw.dtype}"
+            )
+        if depth_scale is None:
+            if raw.dtype.kind != "f":
+                raise ScanError(word, "integer depth needs depth_scale, in m per unit: 0.001 for millimetres")
+            depth_scale = 1.0
+        if not (np.isfinite(depth_scale) and depth_scale > 0.0):
+            raise ScanError(word, f"depth_scale must be positive, got {depth_scale}")
+        used = np.ones(raw.shape, dtype=bool) if mask is None else np.asarray(mask)
+        if used.shape != raw.shape:
+            raise ScanError(word, f"mask has the shape {used.shape}, depth {raw.shape}")
+        K = _checked_intrinsics(intrinsics, word)
+        T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
+
+        height, width = raw.shape
+        distance = raw.astype(np.float64) * depth_scale
+        with np.errstate(invalid="ignore"):
+            returned = np.isfinite(distance) & (distance > 0.0) & used.astype(bool)
+        if not returned.any():
+            raise ScanError(word, "no pixel in use has a depth")
+        distance[~returned] = np.nan
+        columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+        pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1).reshape(-1, 3)
+        rays = pixels @ np.linalg.inv(K).T
+        scan = cls(transform(T, distance.reshape(-1, 1) * rays), sensor_origin=T[:3, 3], source=source)
+        scan.camera = DepthCamera(intrinsics=_frozen(K), width=width, height=height, T_scan_camera=_frozen(T))
+        return scan
+
+    @property
+    def extent(self) -> Array:
+        """(3,) size of the axis-aligned bounding box, m."""
+        return np.asarray(np.ptp(self.points, axis=0))
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the axis-aligned bounding box, m."""
+        return float(np.linalg.norm(self.extent))
+
+    def scaled(self, factor: float) -> Scan:
+        """Return the scan with all lengths multiplied by `factor`; it loses its depth camera."""
+        origin = None if self.sensor_origin is None else factor * self.sensor_origin
+        return self._derived(np.arange(len(self.points)), factor * self.points, origin)
+
+    def cropped(self, lower: ArrayLike, upper: ArrayLike) -> Scan:
+        """Return the points within the axis-aligned box from `lower` (3,) to `upper` (3,), m, scan frame.
+
+        `n_input` and `source_index` still speak of the points given at first.
+        Raises `ScanError` for a malformed or reversed box, or when fewer than ten points lie in it.
+        """
+        low, high = self._numbers(lower, "lower corner"), self._numbers(upper, "upper corner")
+        if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
+            raise ScanError(self.source, f"no box to crop to: from {low.tolist()} to {high.tolist()}")
+        inside = np.flatnonzero(((self.points >= low) & (self.points <= high)).all(axis=1))
+        if len(inside) < MIN_POINTS:
+            raise ScanError(
+                self.source,
+                f"only {len(inside)} points lie in the crop box from {low.tolist()} to {high.tolist()}; "
+                f"the scan spans {self.points.min(axis=0).tolist()} to {self.points.max(axis=0).tolist()}",
+            )
+        scan = self._derived(inside, self.points, self.sensor_origin)
+        scan.camera = self.camera
+        scan.dropped["cropped"] = self.dropped.get("cropped", 0) + len(self.points) - len(inside)
+        return scan
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        """Return one line: source, points, size, viewpoint."""
+        size = " x ".join(f"{length:.3g}" for length in self.extent)
+        seen = {None: "no sensor origin", 1: "one sensor origin", 2: "sensor origin per point"}
+        origin = seen[None if self.sensor_origin is None else self.sensor_origin.ndim]
+        return f"Scan({self.source}: {len(self)} points, {size} m, {origin})"
+
+    def _numbers(self, value: ArrayLike, name: str) -> Array:
+        try:
+            return np.array(value, dtype=np.float64, order="C")
+        except (TypeError, ValueError) as error:
+            raise ScanError(self.source, f"{name} are not an array of numbers: {error}") from None
+
+    def _checked_origin(self, sensor_origin: ArrayLike | None, count: int) -> Array | None:
+        if sensor_origin is None:
+            return None
+        origin = self._numbers(sensor_origin, "sensor origins")
+        if origin.shape not in ((3,), (count, 3)):
+            raise ScanError(
+                self.source, f"sensor_origin must have the shape (3,) or ({count}, 3), got {origin.shape}"
+            )
+        if not np.isfinite(origin).all():
+            raise ScanError(self.source, "sensor_origin is not finite")
+        return origin
+
+    def _checked_normals(self, normals: ArrayLike | None, count: int) -> Array | None:
+        if normals is None:
+            return None
+        vectors = self._numbers(normals, "normals")
+        if vectors.shape != (count, 3):
+            raise ScanError(self.source, f"normals must have the shape ({count}, 3), got {vectors.shape}")
+        return vectors
+
+    def _keep(
+        self, kept: NDArray[np.int64], points: Array, origin: Array | None, normals: Array | None
+    ) -> None:
+        """Set the arrays per point from those of which `kept` selects the rows."""
+        if len(kept) < MIN_POINTS:
+            what = "point" if len(kept) == 1 else "points"
+            raise ScanError(
+                self.source,
+                f"the scan has only {len(kept)} distinct {what}; at least {MIN_POINTS} are needed",
+            )
+        self.points = _frozen(points[kept])
+        self.source_index = _frozen(kept)
+        self.sensor_origin = None if origin is None else _frozen(origin[kept] if origin.ndim == 2 else origin)
+        self.normals = None
+        if normals is not None:
+            chosen = normals[kept]
+            lengths = np.linalg.norm(chosen, axis=1, keepdims=True)
+            if np.isfinite(lengths).all() and (lengths > 0.0).all():
+                self.normals = _frozen(chosen / lengths)
+            else:
+                logger.info("%s: normals discarded, some are zero or not finite", self.source)
+
+    def _derived(self, kept: NDArray[np.int64], points: Array, origin: Array | None) -> Scan:
+        scan = object.__new__(Scan)
+        scan.source, scan.n_input, scan.dropped, scan.camera = (
+            self.source,
+            self.n_input,
+            dict(self.dropped),
+            None,
+        )
+        scan._keep(kept, points, origin, self.normals)
+        scan.source_index = _frozen(self.source_index[kept])
+        return scan
+
+
+def _frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    array.flags.writeable = False
+    return array
+
+
+def _checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
+    """Return the (3, 3) camera matrix of `intrinsics`, which is one already or (fx, fy, cx, cy)."""
+    try:
+        K = np.array(intrinsics, dtype=np.float64)
+    except (TypeError, ValueError):
+        K = np.empty(0)
+    if K.shape == (4,):
+        fx, fy, cx, cy = K
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    valid = K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0
+    if not valid or not np.allclose(K[2], [0.0, 0.0, 1.0]) or K[1, 0] != 0.0:
+        raise ScanError(
+            word, "intrinsics must be (fx, fy, cx, cy) or a 3x3 camera matrix, with positive focal lengths"
+        )
+    return K
+
+
+def _first_occurrences(points: Array) -> NDArray[np.int64]:
+    """Return the sorted indices of the first occurrence of every distinct row of `points` (n, 3), all finite.
+
+    Rows are sorted by a 64-bit hash of their bits (multiply and shift, after the finaliser of SplitMix64) and
+    compared in full with the neighbour of equal hash: a third of the time of sorting by the coordinates.
+    """
+    word = np.uint64
+    bits = (points + 0.0).view(word)  # adding zero makes -0.0 equal to 0.0 in its bits
+    with np.errstate(over="ignore"):
+        digest = bits[:, 0] * word(0x9E3779B97F4A7C15)
+        digest = ((digest ^ (digest >> word(29))) + bits[:, 1]) * word(0xBF58476D1CE4E5B9)
+        digest = ((digest ^ (digest >> word(32))) + bits[:, 2]) * word(0x94D049BB133111EB)
+    order = np.argsort(digest, kind="stable")
+    ties = np.flatnonzero(digest[order[1:]] == digest[order[:-1]])
+    repeats = ties[(points[order[ties]] == points[order[ties + 1]]).all(axis=1)]
+    first = np.ones(len(points), dtype=bool)
+    first[order[repeats + 1]] = False
+    return np.flatnonzero(first)

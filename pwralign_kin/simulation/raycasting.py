@@ -1,0 +1,111 @@
+"""Depth images of triangle meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import DependencyError
+from pwralign_kin.se3 import Array
+
+_SYSTEM_LIBRARIES = "libegl1 libgl1 libx11-6 libusb-1.0-0 libgomp1"
+
+Body = tuple[Array, NDArray[np.int64]]
+"""Vertices (v, 3), m, and faces (f, 3) of one rigid body in the world."""
+
+
+@dataclass(frozen=True)
+class DepthImage:
+    """What one camera sees."""
+
+    origin: Array
+    """(3,) centre of the camera."""
+
+    directions: Array
+    """(h, w, 3) unit direction of each pixel's ray."""
+
+    distance: Array
+    """(h, w) distance along the ray to what it hits, infinite where nothing."""
+
+    body: NDArray[np.int64]
+    """(h, w) index of the body hit, -1 where nothing."""
+
+    @property
+    def points(self) -> Array:
+        """(h, w, 3) points hit; only where `distance` is finite."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.origin + self.distance[..., None] * self.directions)
+
+
+class World:
+    """Rigid bodies that cameras can look at; bodies without faces are not there."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Take over `bodies`, at least one of them with faces. Raises `DependencyError` without Open3D."""
+        open3d = _open3d()
+        self._scene = open3d.t.geometry.RaycastingScene()
+        self._tensor = open3d.core.Tensor
+        owners = []
+        for index, (vertices, faces) in enumerate(bodies):
+            if len(faces):
+                self._scene.add_triangles(
+                    self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32))
+                )
+                owners.append(index)
+        self._owners = np.array(owners)
+        self.vertices = np.concatenate([bodies[index][0] for index in owners])
+        lower, upper = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        self.centre = (lower + upper) / 2.0
+        self.radius = float(np.linalg.norm(self.vertices - self.centre, axis=1).max())
+
+    def depth_image(self, origin: Array, pixels: int) -> DepthImage:
+        """Return the view from `origin` (3,), outside the bodies' sphere, towards their middle.
+
+        The image is cut to what it shows and has about `pixels` square pixels.
+        """
+        axes = _looking_at(self.centre - origin)
+        seen = (self.vertices - origin) @ axes
+        slopes = seen[:, :2] / seen[:, 2:]
+        lower, upper = slopes.min(axis=0), slopes.max(axis=0)
+        size = np.maximum(upper - lower, 1e-6)
+        pitch = float(np.sqrt(size.prod() / pixels))
+        columns, rows = (lower[i] + pitch * (np.arange(np.ceil(size[i] / pitch)) + 0.5) for i in (0, 1))
+        grid = np.stack([*np.meshgrid(columns, rows), np.ones((len(rows), len(columns)))], axis=-1)
+        directions = grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T
+
+        rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=-1)
+        answer = self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
+        distance = answer["t_hit"].numpy().astype(np.float64)
+        geometry = answer["geometry_ids"].numpy().astype(np.int64)
+        hit = np.isfinite(distance)
+        body = np.full(distance.shape, -1)
+        body[hit] = self._owners[geometry[hit]]
+        return DepthImage(origin=origin, directions=directions, distance=distance, body=body)
+
+
+def _looking_at(forward: Array) -> Array:
+    """Return the (3, 3) axes, as columns right, down and forward, of a camera that looks along `forward`
+    (3,)."""
+    z = forward / np.linalg.norm(forward)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _open3d() -> Any:
+    """Return the module, or raise `DependencyError` with the command that mends it."""
+    try:
+        import open3d
+    except ModuleNotFoundError:
+        raise DependencyError(
+            "Open3D is not installed", "pip install open3d-cpu (elsewhere than Linux x86-64: open3d)"
+        ) from None
+    except (ImportError, OSError) as error:
+        raise DependencyError(
+            f"Open3D does not load ({error})", f"apt-get install -y {_SYSTEM_LIBRARIES}"
+        ) from None
+    return open3d

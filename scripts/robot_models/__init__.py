@@ -1,0 +1,1 @@
+"""The sample models of `robots/`, one module a family, built from published dimensions."""

@@ -1,0 +1,89 @@
+"""Metres or millimetres."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from pwralign_kin.exceptions import ScanError, UnitError
+from pwralign_kin.scan import Scan, check_units
+
+DIAGONAL = 0.8
+"""Diagonal of the imagined model, m."""
+
+
+def surface(size: float, count: int, seed: int = 0) -> np.ndarray:
+    """Points on the faces of a box whose diagonal is `size`."""
+    rng = np.random.default_rng(seed)
+    points = rng.random((count, 3))
+    points[np.arange(count), rng.integers(0, 3, count)] = rng.integers(0, 2, count)
+    return points * size / np.sqrt(3.0)
+
+
+@pytest.mark.parametrize("count", [600, 8000, 200_000])
+@pytest.mark.parametrize("share", [0.3, 1.0, 20.0])
+def test_millimetres_raise_and_name_the_switch(count: int, share: float) -> None:
+    scan = Scan(surface(1000.0 * share * DIAGONAL, count), source="scan.ply")
+    with pytest.raises(UnitError, match=r"scan\.ply: the scan is .* times as large as the model.*--units mm") as caught:
+        check_units(scan, DIAGONAL, "m")
+    assert caught.value.scale == 1e-3
+
+
+def test_auto_rescales_and_warns(caplog: pytest.LogCaptureFixture) -> None:
+    metres = surface(DIAGONAL, 2000)
+    scan = Scan(1000.0 * metres, sensor_origin=[1000.0, 0.0, 0.0])
+    with caplog.at_level(logging.WARNING, logger="pwralign_kin"):
+        checked = check_units(scan, DIAGONAL, "auto")
+    assert np.allclose(checked.points, metres)
+    assert checked.sensor_origin is not None and np.allclose(checked.sensor_origin, [1.0, 0.0, 0.0])
+    assert "taken as millimetres" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("share", "count"),
+    [
+        (0.2, 300),  # a small part of the model
+        (1.0, 600),
+        (12.0, 60_000),  # an unsegmented room
+        (50.0, 200_000),
+        (200.0, 900_000),  # a hall around a small object: as large as a scan in millimetres, but dense
+    ],
+)
+def test_metric_scans_pass_unchanged(share: float, count: int) -> None:
+    points = surface(share * DIAGONAL, count)
+    if share == 200.0:
+        points[:, 2] *= 1e-3  # the floor of the hall: its points are 8 cm apart at most
+    scan = Scan(points)
+    for units in ("m", "auto"):
+        assert check_units(scan, DIAGONAL, units) is scan  # type: ignore[arg-type]
+
+
+def test_far_stray_points_do_not_make_millimetres() -> None:
+    points = surface(DIAGONAL, 5000)
+    points[:20] *= 5000.0
+    scan = Scan(points)
+    assert check_units(scan, DIAGONAL) is scan
+
+
+def test_millimetres_converted_on_loading_are_not_questioned(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    metres = surface(DIAGONAL, 2000)
+    np.save(tmp_path / "scan.npy", 1000.0 * metres)
+    scan = Scan.load(tmp_path / "scan.npy", units="mm", sensor_origin=[500.0, 0.0, 0.0])
+    assert np.allclose(scan.points, metres)
+    assert scan.sensor_origin is not None and np.allclose(scan.sensor_origin, [0.5, 0.0, 0.0])
+    assert check_units(scan, DIAGONAL, "mm") is scan
+    as_they_are = Scan.load(tmp_path / "scan.npy", units="auto")
+    assert np.allclose(check_units(as_they_are, DIAGONAL, "auto").points, metres)
+
+
+def test_a_model_without_size_raises() -> None:
+    with pytest.raises(ScanError, match="size 0.0 m"):
+        check_units(Scan(surface(1.0, 100)), 0.0)
+
+
+def test_an_unknown_unit_raises(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    np.save(tmp_path / "scan.npy", surface(1.0, 100))
+    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, mm, auto"):
+        Scan.load(tmp_path / "scan.npy", units="inch")  # type: ignore[arg-type]
