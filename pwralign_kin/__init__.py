@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pwralign_kin.estimation import Alternative, Estimate, EstimatorOptions, PartEstimate, estimate
+    from pwralign_kin.estimation import Alternative, Correspondences, Estimate, EstimatorOptions, PartEstimate, estimate
     from pwralign_kin.exceptions import PwralignError
     from pwralign_kin.model import ArticulatedModel
     from pwralign_kin.scan import Scan
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Alternative": "estimation",
     "ArticulatedModel": "model",
+    "Correspondences": "estimation",
     "Estimate": "estimation",
     "EstimatorOptions": "estimation",
     "PartEstimate": "estimation",
@@ -30,6 +31,7 @@ _HOME = {
 __all__ = [
     "Alternative",
     "ArticulatedModel",
+    "Correspondences",
     "Estimate",
     "EstimatorOptions",
     "PartEstimate",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.exceptions import ModelError, StateError
+from pwralign_kin.exceptions import DependencyError, ModelError, StateError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, rotation_about, transform
@@ -28,9 +28,13 @@ POINT_SHARE = 0.16
 NEAR_SURFACE = 0.02
 """Scan points within this distance of the model (relative to its diagonal) count as lying on it."""
 
-_CREASE = np.cos(np.radians(40.0))
 POINT_NEAR = np.array([0.06, 0.07, 0.12])
+"""sRGB colour of scan points on the model."""
+
 POINT_FAR = np.array([0.62, 0.62, 0.64])
+"""sRGB colour of scan points off the model."""
+
+_CREASE = np.cos(np.radians(40.0))
 _OCCLUSION_RAYS = 8
 _FIELD_OF_VIEW = np.radians(20.0)
 _MARGIN = 0.92
@@ -89,21 +93,78 @@ class PosedMesh:
         return np.asarray((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2.0)
 
     @cached_property
-    def scene(self) -> Any:
-        """Open3D's ray casting scene of the mesh, moved by minus `centre` since Open3D computes in single precision."""
-        import open3d as o3d
-
-        scene = o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(
-            o3d.core.Tensor((self.vertices - self.centre).astype(np.float32)),
-            o3d.core.Tensor(self.faces.astype(np.uint32)),
-        )
-        return scene
+    def scene(self) -> RayScene:
+        """The mesh for casting rays, moved by minus `centre`, so that single precision is fine enough."""
+        return RayScene(self.vertices - self.centre, self.faces)
 
     @cached_property
     def corner_normals(self) -> Array:
         """Normals for shading, (f, 3, 3); see `corner_normals`."""
         return corner_normals(self.vertices, self.faces)
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What rays (...) met."""
+
+    distance: Singles
+    """(...) along the ray, m; infinite where nothing is met."""
+
+    face: Indices
+    """(...) index of the face; -1 where nothing is met."""
+
+    normal: Singles
+    """(..., 3) unit normal of the face by its winding."""
+
+    barycentric: Singles
+    """(..., 2) weights of the corners 1 and 2 of the face."""
+
+
+class RayScene:
+    """Triangles that rays and closest-place queries meet: Open3D's `RaycastingScene`, in single precision."""
+
+    def __init__(self, vertices: Array, faces: Indices) -> None:
+        """Take over `vertices` (v, 3), m, and `faces` (f, 3). Raises `DependencyError` without Open3D."""
+        open3d = _open3d()
+        self._tensor = open3d.core.Tensor
+        self._scene = open3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32))
+        )
+
+    def cast(self, rays: Singles) -> Hits:
+        """Return the first hit of each of `rays` (..., 6): origin and direction."""
+        answer = self._scene.cast_rays(self._tensor(rays))
+        distance = answer["t_hit"].numpy()
+        face = np.where(np.isinf(distance), -1, answer["primitive_ids"].numpy().astype(np.int64))
+        return Hits(distance, face, answer["primitive_normals"].numpy(), answer["primitive_uvs"].numpy())
+
+    def blocked(self, rays: Singles, reach: float = np.inf) -> NDArray[np.bool_]:
+        """Return (...) whether `rays` (..., 6) of unit direction meet anything within `reach`, m."""
+        answer = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=reach)
+        return np.asarray(answer.numpy())
+
+    def closest(self, places: Array) -> tuple[Array, Array, Indices]:
+        """Return what is closest to `places` (n, 3): places (n, 3), their faces' normals and indices (n,)."""
+        answer = self._scene.compute_closest_points(self._tensor(places.astype(np.float32)))
+        return (
+            answer["points"].numpy().astype(np.float64),
+            answer["primitive_normals"].numpy().astype(np.float64),
+            answer["primitive_ids"].numpy().astype(np.int64),
+        )
+
+
+def _open3d() -> Any:
+    """Return the module, or raise `DependencyError` with the command that mends it."""
+    try:
+        import open3d
+    except ModuleNotFoundError:
+        remedy = "pip install open3d-cpu (elsewhere than Linux x86-64: open3d)"
+        raise DependencyError("Open3D is not installed", remedy) from None
+    except (ImportError, OSError) as error:
+        remedy = "apt-get install -y libegl1 libgl1 libx11-6 libusb-1.0-0 libgomp1"
+        raise DependencyError(f"Open3D does not load ({error})", remedy) from None
+    return open3d
 
 
 def posed_mesh(model: ArticulatedModel, state: State) -> PosedMesh:
@@ -134,7 +195,8 @@ def posed_mesh(model: ArticulatedModel, state: State) -> PosedMesh:
 def part_colours(count: int) -> Array:
     """Return (count, 3) sRGB colours in [0, 1], neighbours in the list far apart in hue, alike in lightness.
 
-    Hues follow the golden angle in the OKLCH space (Ottosson, 2020, "A perceptual color space for image processing").
+    Hues follow the golden angle in the OKLCH space (Ottosson, 2020, "A perceptual color space for image
+    processing").
     """
     index = np.arange(count)
     lightness = 0.76 + 0.06 * ((index % 3) - 1)
@@ -154,9 +216,10 @@ def render(
 ) -> Image:
     """Return a picture (height, width, 3) of `model` in `state`, each part in its own colour, on white.
 
-    Points of `scan` that are not hidden by the model are drawn as dots, dark on the surface and grey off it. `size` is
-    (width, height) in pixels; `view` is by default the first of `default_views`. Colours are `part_colours`.
-    Raises `UnknownNameError` for joints that the model lacks and `ModelError` for a model without geometry.
+    Points of `scan` that are not hidden by the model are drawn as dots, dark on the surface and grey off it.
+    `size` is (width, height) in pixels; `view` is by default the first of `default_views`. Colours are
+    `part_colours`. Raises `UnknownNameError` for joints that the model lacks and `ModelError` for a model
+    without geometry.
     """
     mesh = posed_mesh(model, state)
     return draw(mesh, default_views(mesh, scan, size=size)[0] if view is None else view, scan, size=size)
@@ -167,11 +230,14 @@ def default_views(
 ) -> tuple[View, View]:
     """Return two views that show the mesh well in a picture of `size` (width, height).
 
-    The first is from the sensor if `scan` has one origin, else oblique from the side that shows most of the parts and
-    of the scan; the second is from another side. `up` (3,) is the upward direction in the scan frame, by default z.
+    The first is from the sensor if `scan` has one origin, else oblique from the side that shows most of the
+    parts and of the scan; the second is from another side. `up` (3,) is the upward direction in the scan
+    frame, by default z.
     """
     up = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
-    candidates = [_oblique_view(mesh, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))]
+    candidates = [
+        _oblique_view(mesh, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))
+    ]
     scores = np.array([_view_score(mesh, scan, view, size) for view in candidates])
     if scan is not None and scan.sensor_origin is not None and np.ndim(scan.sensor_origin) == 1:
         first = _view_from(np.asarray(scan.sensor_origin, dtype=np.float64), mesh, up, size)
@@ -182,7 +248,9 @@ def default_views(
     return first, second
 
 
-def draw(mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720)) -> Image:
+def draw(
+    mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720)
+) -> Image:
     """Return the picture (height, width, 3) of `mesh` from `view` with the points of `scan`; see `render`."""
     buffers = _cast(mesh, view, (SAMPLES_PER_PIXEL * size[0], SAMPLES_PER_PIXEL * size[1]))
     colour = _shaded(mesh, buffers, view)
@@ -193,10 +261,10 @@ def draw(mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[i
 
 
 def corner_normals(vertices: Array, faces: Indices) -> Array:
-    """Return unit normals (f, 3, 3) of every corner of `faces` (f, 3), smooth over edges bent by less than 40 degrees.
+    """Return unit normals (f, 3, 3) at the corners of `faces` (f, 3), smooth over edges under 40 degrees.
 
-    Around a vertex, faces joined by smooth edges share the sum of their area-weighted normals. Vertices at the same
-    place count as one. A face without area has the normal zero.
+    Around a vertex, faces joined by smooth edges share the sum of their area-weighted normals. Vertices at
+    the same place count as one. A face without area has the normal zero.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -226,19 +294,20 @@ def corner_normals(vertices: Array, faces: Indices) -> Array:
     rows = np.concatenate([one, following(one)])
     columns = np.concatenate([linked_two_start, linked_two_end])
     size = 3 * len(faces)
-    _, group = connected_components(coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size)))
+    _, group = connected_components(
+        coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
+    )
     per_corner = np.repeat(area_normal, 3, axis=0)
     total = np.stack([np.bincount(group, per_corner[:, axis]) for axis in range(3)], axis=1)
     total_length = np.linalg.norm(total, axis=1, keepdims=True)
-    total /= np.where(total_length > 0.0, total_length, 1.0)
-    return np.asarray(total[group].reshape(-1, 3, 3))
+    return np.asarray((total / np.where(total_length > 0.0, total_length, 1.0))[group].reshape(-1, 3, 3))
 
 
-# --- views ------------------------------------------------------------------------------------------------------------
+# --- views ---
 
 
 def _camera_axes(forward: Array, up: Array) -> Array:
-    """Return (3, 3) rows right, down, forward for the unit direction `forward`; any `up` will do, even along it."""
+    """Return (3, 3) rows right, down, forward for the unit direction `forward`; `up` may lie along it."""
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-6 * max(float(np.linalg.norm(up)), 1e-12):
         right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
@@ -254,8 +323,8 @@ def _tangents(size: tuple[int, int], fov: float) -> Array:
 def _fitted_view(mesh: PosedMesh, forward: Array, up: Array, size: tuple[int, int]) -> View:
     """Return the closest view along `forward` that holds the whole mesh.
 
-    A vertex (x, y, z) in camera axes is inside when |x - ex| <= t (z - ez): linear in the eye (ex, ez), so the
-    tightest eye is found in closed form.
+    A vertex (x, y, z) in camera axes is inside when |x - ex| <= t (z - ez): linear in the eye (ex, ez), so
+    the tightest eye is found in closed form.
     """
     axes = _camera_axes(forward, up)
     in_axes = mesh.vertices @ axes.T
@@ -271,7 +340,7 @@ def _fitted_view(mesh: PosedMesh, forward: Array, up: Array, size: tuple[int, in
 
 
 def _view_from(eye: Array, mesh: PosedMesh, up: Array, size: tuple[int, int]) -> View:
-    """Return the view from `eye` that just holds the mesh, or one along the same line where `eye` is too close."""
+    """Return the view from `eye` that just holds the mesh; where `eye` is too close, from further back."""
     forward = mesh.centre - eye
     distance = float(np.linalg.norm(forward))
     if distance < 1e-6:
@@ -310,7 +379,7 @@ def _azimuth_cosine(one: View, two: View, up: Array) -> float:
 
 
 def _view_score(mesh: PosedMesh, scan: Scan | None, view: View, size: tuple[int, int]) -> float:
-    """Return how much a view shows: every part counts by the root of its visible area, times the share of scan seen."""
+    """Return how much a view shows: roots of the parts' visible areas, times the share of the scan seen."""
     width, height = (max(1, round(96 * side / max(size))) for side in size)
     buffers = _cast(mesh, view, (width, height))
     hit = buffers.part >= 0
@@ -324,7 +393,7 @@ def _view_score(mesh: PosedMesh, scan: Scan | None, view: View, size: tuple[int,
     return float(np.sqrt(areas).sum() * (0.5 + seen))
 
 
-# --- drawing ----------------------------------------------------------------------------------------------------------
+# --- drawing ---
 
 
 @dataclass(frozen=True)
@@ -345,8 +414,6 @@ class _Buffers:
 
 def _cast(mesh: PosedMesh, view: View, size: tuple[int, int]) -> _Buffers:
     """Cast one ray through the middle of every pixel."""
-    import open3d as o3d
-
     axes = view.axes().astype(np.float32)
     across, down = _tangents(size, view.fov)
     x = across * ((np.arange(size[0]) + 0.5) / size[0] * 2.0 - 1.0)
@@ -354,30 +421,27 @@ def _cast(mesh: PosedMesh, view: View, size: tuple[int, int]) -> _Buffers:
     rays = np.empty((size[1], size[0], 6), dtype=np.float32)
     rays[..., :3] = view.eye - mesh.centre
     directions = rays[..., 3:]
-    directions[:] = x.astype(np.float32)[None, :, None] * axes[0] + y.astype(np.float32)[:, None, None] * axes[1] + axes[2]
+    directions[:] = x.astype(np.float32)[None, :, None] * axes[0] + axes[2]
+    directions += y.astype(np.float32)[:, None, None] * axes[1]
     directions /= np.sqrt(np.einsum("...i,...i->...", directions, directions))[..., None]
-    hits = mesh.scene.cast_rays(o3d.core.Tensor(rays))
-    distance = hits["t_hit"].numpy()
-    missed = np.isinf(distance)
-    face = np.where(missed, 0, hits["primitive_ids"].numpy()).astype(np.int64)
-    normal = hits["primitive_normals"].numpy()
-    normal *= np.where(np.einsum("...i,...i->...", normal, directions) > 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
+    hits = mesh.scene.cast(rays)
+    away = np.einsum("...i,...i->...", hits.normal, directions) > 0.0
     return _Buffers(
         directions=directions,
-        depth=distance * (directions @ axes[2]),
-        face=np.where(missed, -1, face),
-        part=np.where(missed, -1, mesh.face_part[face]),
-        normal=normal,
-        barycentric=hits["primitive_uvs"].numpy(),
+        depth=hits.distance * (directions @ axes[2]),
+        face=hits.face,
+        part=np.where(hits.face < 0, -1, mesh.face_part[hits.face]),
+        normal=np.where(away[..., None], -hits.normal, hits.normal),
+        barycentric=hits.barycentric,
     )
 
 
 def _shaded(mesh: PosedMesh, buffers: _Buffers, view: View) -> Singles:
-    """Return the lit picture (height, width, 3) in linear light: Lambert's law, two lamps, and ambient occlusion."""
+    """Return the picture (height, width, 3) in linear light: Lambert's law, two lamps, ambient occlusion."""
     hit = buffers.face >= 0
     flat = buffers.normal[hit]
-    u, v = buffers.barycentric[hit].T
-    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    others = buffers.barycentric[hit]
+    weights = np.concatenate([1.0 - others.sum(axis=1, keepdims=True), others], axis=1)
     smooth = np.einsum("nc,nci->ni", weights, mesh.corner_normals[buffers.face[hit]].astype(np.float32))
     smooth *= np.where(np.einsum("ni,ni->n", smooth, flat) < 0.0, -1.0, 1.0)[:, None]
     length = np.linalg.norm(smooth, axis=1, keepdims=True)
@@ -392,16 +456,18 @@ def _shaded(mesh: PosedMesh, buffers: _Buffers, view: View) -> Singles:
     openness = _openness(mesh, buffers, view)[hit]
     light = (0.28 + 0.30 * sky + 0.14 * fill_light) * openness + 0.52 * key_light * (0.4 + 0.6 * openness)
     colour = np.ones((*hit.shape, 3), dtype=np.float32)
-    colour[hit] = to_linear(part_colours(len(mesh.parts))).astype(np.float32)[buffers.part[hit]] * light[:, None]
+    colour[hit] = (
+        to_linear(part_colours(len(mesh.parts))).astype(np.float32)[buffers.part[hit]] * light[:, None]
+    )
     return colour
 
 
 def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
-    """Return (height, width) the cosine-weighted share of sky that each pixel's surface sees, out to 0.15 diagonals.
+    """Return (height, width) the cosine-weighted share of sky that the surface in each pixel sees.
 
-    Traced for one ray in four, with few rays each, and smoothed.
+    What is further away than 0.15 diagonals does not hide the sky. Traced for one pixel in four, with few
+    rays each, and smoothed.
     """
-    import open3d as o3d
     from scipy.ndimage import uniform_filter
 
     coarse = np.s_[::2, ::2]
@@ -427,23 +493,27 @@ def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
         + (radii * np.sin(angles))[..., None] * bitangent[:, None]
         + np.sqrt(1.0 - radii**2)[..., None] * normals[:, None]
     )
-    blocked = mesh.scene.test_occlusions(o3d.core.Tensor(rays), tnear=0.0, tfar=0.15 * mesh.diagonal).numpy()
+    blocked = mesh.scene.blocked(rays, reach=0.15 * mesh.diagonal)
     total = np.zeros(hit.shape)
     total[hit] = 1.0 - blocked.mean(axis=1)
     weight = uniform_filter(hit.astype(np.float64), 5, mode="constant")
-    smooth = np.where(weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0)
+    smooth = np.where(
+        weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0
+    )
     return np.asarray(smooth.repeat(2, axis=0).repeat(2, axis=1)[: buffers.size[1], : buffers.size[0]])
 
 
 def _edges(buffers: _Buffers, diagonal: float) -> Array:
-    """Return the darkness (height, width) of outlines: 1 between parts and where depth jumps, less along creases."""
+    """Return the darkness (height, width) of lines: 1 between parts and at depth steps, less on creases."""
     darkness = np.zeros(buffers.depth.shape)
     hit = buffers.face >= 0
     depth = np.where(hit, buffers.depth, 1e3 * diagonal)
     for axis in (0, 1):
         here = tuple(slice(None, -1) if axis == side else slice(None) for side in (0, 1))
         there = tuple(slice(1, None) if axis == side else slice(None) for side in (0, 1))
-        outline = (buffers.part[here] != buffers.part[there]) | (np.abs(depth[here] - depth[there]) > 0.03 * diagonal)
+        outline = (buffers.part[here] != buffers.part[there]) | (
+            np.abs(depth[here] - depth[there]) > 0.03 * diagonal
+        )
         bend = np.einsum("...i,...i->...", buffers.normal[here], buffers.normal[there])
         crease = hit[here] & hit[there] & (bend < 0.7)
         strength = np.where(outline, 1.0, np.where(crease, 0.35, 0.0))
@@ -465,22 +535,29 @@ def _projected(points: Array, view: View, size: tuple[int, int]) -> tuple[Indice
 
 
 def _paint_points(colour: Singles, mesh: PosedMesh, buffers: _Buffers, view: View, points: Array) -> None:
-    """Paint dots into `colour` (height, width, 3) where the model does not hide them."""
-    import open3d as o3d
+    """Paint dots into `colour` (height, width, 3) where the model does not hide them.
 
-    pixel, depth = _projected(points, view, buffers.size)
+    A point on the model is shown where its closest place on the surface is: noise must not hide it behind the
+    surface.
+    """
+    reach = NEAR_SURFACE * mesh.diagonal
     surface = buffers.depth.reshape(-1)
-    shown = np.flatnonzero((pixel >= 0) & (depth <= surface[pixel] + 0.5 * NEAR_SURFACE * mesh.diagonal))
-    local = o3d.core.Tensor((points[shown] - mesh.centre).astype(np.float32))
-    near = mesh.scene.compute_distance(local).numpy() < NEAR_SURFACE * mesh.diagonal
+    pixel, depth = _projected(points, view, buffers.size)
+    shown = np.flatnonzero((pixel >= 0) & (depth <= surface[pixel] + reach))
+    local = points[shown] - mesh.centre
+    closest, _, _ = mesh.scene.closest(local)
+    near = np.linalg.norm(closest - local, axis=1) < reach
+    place, place_depth = _projected(closest[near] + mesh.centre, view, buffers.size)
+    on_model = shown[near][(place >= 0) & (place_depth <= surface[place] + 0.25 * reach)]
+    off_model = shown[~near][depth[shown[~near]] <= surface[pixel[shown[~near]]]]
 
     radius = max(1.0, 1.5e-3 * float(np.sqrt(buffers.depth.size)))
-    reach = int(np.ceil(radius))
-    offsets = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+    side = np.arange(-int(np.ceil(radius)), int(np.ceil(radius)) + 1)
+    offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     offsets = offsets[(offsets**2).sum(axis=1) <= radius**2 + 0.5]
     rng = np.random.default_rng(0)
     limit = int(POINT_SHARE * np.count_nonzero(buffers.part >= 0) / len(offsets))
-    for chosen, dot, opacity in ((shown[~near], POINT_FAR, 0.6), (shown[near], POINT_NEAR, 0.85)):
+    for chosen, dot, opacity in ((off_model, POINT_FAR, 0.6), (on_model, POINT_NEAR, 0.85)):
         kept = rng.permutation(chosen)[:limit]
         rows = pixel[kept, None] // buffers.size[0] + offsets[:, 0]
         columns = pixel[kept, None] % buffers.size[0] + offsets[:, 1]
@@ -497,7 +574,7 @@ def _averaged(colour: Singles, size: tuple[int, int]) -> Image:
     return np.asarray(np.rint(255.0 * _to_srgb(np.clip(blocks.mean(axis=(1, 3)), 0.0, 1.0))), dtype=np.uint8)
 
 
-# --- colour -----------------------------------------------------------------------------------------------------------
+# --- colour ---
 
 _OKLAB_TO_LMS = np.array(
     [
@@ -517,7 +594,9 @@ _LMS_TO_LINEAR = np.array(
 
 def _to_srgb(linear: Array) -> Array:
     """Return linear light in [0, 1] encoded as sRGB (IEC 61966-2-1)."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1.0 / 2.4) - 0.055)
+    return np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1.0 / 2.4) - 0.055
+    )
 
 
 def to_linear(srgb: Array) -> Array:

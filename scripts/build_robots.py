@@ -1,6 +1,6 @@
 """Build the sample models of `robots/` and their sample scans: the same bytes on every run.
 
-    python scripts/build_robots.py [--out FOLDER] [--without-scans] [NAME ...]
+python scripts/build_robots.py [--out FOLDER] [--without-scans] [NAME ...]
 """
 
 from __future__ import annotations
@@ -9,22 +9,22 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from robot_models import cubebot, everyday, excavator, viking
+from robot_models import cabinet, cubebot, door, excavator, laptop, viking_lander
 from robot_models.urdf import Robot
 
 MODELS: dict[str, Callable[[], Robot]] = {
     "cubebot": cubebot.build,
-    "viking_lander": viking.build,
-    "door": everyday.door,
-    "cabinet": everyday.cabinet,
-    "laptop": everyday.laptop,
+    "viking_lander": viking_lander.build,
+    "door": door.build,
+    "cabinet": cabinet.build,
+    "laptop": laptop.build,
     "excavator": excavator.build,
 }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Build the sample models and their sample scans.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"models to build, all by default: {', '.join(MODELS)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which of {', '.join(MODELS)}")
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent.parent / "robots")
     parser.add_argument("--without-scans", action="store_true")
     options = parser.parse_args()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.estimate import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
@@ -19,10 +20,10 @@ from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
-from pwralign_kin.exceptions import UnknownNameError
+from pwralign_kin.exceptions import CorrespondenceError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, inverse
 from pwralign_kin.state import State
 
 WARM_SIGMAS = (0.03, 0.06, 0.1)
@@ -31,6 +32,10 @@ UNCONVINCING = 0.04
 """A guess whose refinement leaves this share of the scan unexplained is checked against a search without it."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
+NO_COST = 0.004
+"""Score that an undetermined joint may cost when it is set to its prior."""
+LEAST_NOISE = 1e-3
+"""Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 
@@ -39,25 +44,34 @@ def estimate(
     model: ArticulatedModel,
     scan: Scan,
     initial: State | None = None,
+    correspondences: Correspondences | None = None,
     options: EstimatorOptions | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Estimate:
     """Estimate base placement and joint values of `model` in `scan`.
 
-    `initial` is a guess to start from; without one the whole space is searched. Raises `ScanError` when the scan
-    holds too little at the model's scale, `StateError` or `UnknownNameError` when the guess does not fit the model.
+    `initial` is a guess to start from; without one the whole space is searched. `correspondences` from an outside
+    matcher become part hypotheses. `progress` is called with the name of each stage as it begins.
+
+    Raises `ScanError` when the scan holds too little at the model's scale, `StateError` or `UnknownNameError` when
+    the guess or an option does not fit the model, `CorrespondenceError` when the correspondences fit neither model
+    nor scan or nothing at all was given to make hypotheses from.
     """
-    return Estimator(model, options or EstimatorOptions()).run(scan, initial)
+    return Estimator(model, options or EstimatorOptions(), progress).run(scan, initial, correspondences)
 
 
 @dataclass
 class Stopwatch:
     """Seconds per stage."""
 
+    progress: Callable[[str], None] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time of the block to the stage `name`."""
+        if self.progress is not None:
+            self.progress(name)
         start = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
@@ -66,35 +80,39 @@ class Stopwatch:
 class Estimator:
     """The pipeline for one model and one set of options."""
 
-    def __init__(self, model: ArticulatedModel, options: EstimatorOptions) -> None:
+    def __init__(
+        self, model: ArticulatedModel, options: EstimatorOptions, progress: Callable[[str], None] | None = None
+    ) -> None:
         """Check the option's joint names against the model. Raises `UnknownNameError`."""
         for name in (*options.locked, *options.prior):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
         self.model = model
         self.options = options
+        self.progress = progress
         self.threads = options.threads or os.cpu_count() or 1
         self.slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(self.slide, model.diagonal, 1.0)
 
-    def run(self, scan: Scan, initial: State | None) -> Estimate:
+    def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
-        watch = Stopwatch()
+        watch = Stopwatch(self.progress)
         prior = self.model.values({**self.options.prior, **(initial.joints if initial else {})}) / self.unit
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
             observation = observe(scan, self.model.diagonal, self.options.observation, self.threads)
             search = self._search(observation, prior, lower, upper)
         if initial is None:
-            solutions = self._global(search, watch)
+            solutions = self._global(search, correspondences, watch)
         else:
-            solutions = self._from_guess(search, self.model.root_placement(initial), prior, watch)
+            guess = search.observation.to_search(self.model.root_placement(initial))
+            solutions = self._from_guess(search, guess, prior, correspondences, watch)
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
         with watch.stage("least squares"):
             solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
             solution = self._solve(solver, finished)
-            judged, solution = self._judge(search, solver, solution, prior, lower, upper)
+            solution, judged = self._judge(search, solver, solution, prior)
         with watch.stage("report"):
             return self._report(scan, search, finished, solution, judged, watch)
 
@@ -111,24 +129,47 @@ class Estimator:
         neutral = np.clip(prior, lower, upper)
         return TreeSearch(native, self.model.surfaces, observation, neutral, self.options.search, self.threads)
 
-    def _global(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
+    def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
         with watch.stage("hypotheses"):
-            parts, placements = search.part_hypotheses(self.options.seed)
+            hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
-            grown = search.scored(search.grow(parts, placements))[0].best_first()
+            grown = search.scored(search.grow(hypotheses))[0].best_first()
         with watch.stage("refinement"):
-            many = len(search.exists) > search.options.many_parts
-            kept = grown.take(slice(search.options.refined + many * search.options.more_refined))
+            kept = grown.take(slice(search.options.refined + search.many * search.options.more_refined))
             refined = search.scored(search.refined(kept))[0]
         with watch.stage("repair"):
             return repair(search, refined, self.options.repair, turn=True)
 
-    def _from_guess(self, search: TreeSearch, T_scan_base: Array, prior: Array, watch: Stopwatch) -> Candidates:
+    def _hypotheses(self, search: TreeSearch, correspondences: Correspondences | None) -> Hypotheses:
+        """Collect part hypotheses from every source."""
+        seed, sources = self.options.seed, self.options.sources
+        given = [] if correspondences is None else [correspondences]
+        found = []
+        if "pairs" in sources:
+            found.append(search.pair_hypotheses(seed))
+        if "fpfh" in sources:
+            largest = search.largest_parts(search.options.root_parts)
+            given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
+        for pairs in given:
+            found.append(
+                search.correspondence_hypotheses(oriented_pairs(pairs, self.model, search.observation), seed)
+            )
+        hypotheses = Hypotheses.concatenate(found) if found else None
+        if hypotheses is None or len(hypotheses.parts) == 0:
+            raise CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+        return hypotheses
+
+    def _from_guess(
+        self,
+        search: TreeSearch,
+        base: Array,
+        values: Array,
+        correspondences: Correspondences | None,
+        watch: Stopwatch,
+    ) -> Candidates:
         """Refine a guess from several scales, repair it; search as well where it leaves much unexplained."""
-        start = Candidates(
-            search.observation.to_search(T_scan_base)[None], prior[None].copy(), np.zeros(1, np.float32)
-        )
+        start = Candidates(base[None], values[None].copy(), np.zeros(1, np.float32))
         with watch.stage("refinement"):
             starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
             refined = search.scored(Candidates.concatenate(starts))[0]
@@ -136,7 +177,7 @@ class Estimator:
             solutions = repair(search, refined, self.options.repair, turn=False)
         if search.unexplained(solutions.take([0])) > UNCONVINCING:
             solutions = search.distinct(
-                Candidates.concatenate([solutions, self._global(search, watch)]), self.options.repair.solutions
+                Candidates.concatenate([solutions, self._global(search, correspondences, watch)]), self.options.repair.solutions
             )
         return solutions
 
@@ -166,19 +207,36 @@ class Estimator:
         return solver.run(base, solver.limited(values))
 
     def _judge(
-        self,
-        search: TreeSearch,
-        solver: JointLeastSquares,
-        solution: Solution,
-        prior: Array,
-        lower: Array,
-        upper: Array,
-    ) -> tuple[Doubt, Solution]:
-        """Find undetermined joints and set them to their prior where that costs nothing."""
-        locked = upper <= lower
-        noise = max(search.observation.noise, 1e-3)
-        judged = doubt(solution.problem, self.slide, locked, noise)
-        return judged, solution
+        self, search: TreeSearch, solver: JointLeastSquares, solution: Solution, prior: Array
+    ) -> tuple[Solution, Doubt]:
+        """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
+        noise = max(search.observation.noise, LEAST_NOISE)
+        judged = doubt(solution.problem, self.slide, solver.locked, noise)
+        if not judged.undetermined.any():
+            return solution, judged
+        base, values = solution.base, solution.values.copy()
+        for joint in np.flatnonzero(judged.undetermined):
+            base, values = self._at_prior(search, base, values, int(joint), prior)
+        settled = solver.with_locked(judged.undetermined, values).run(base, values)
+        again = doubt(settled.problem, self.slide, solver.locked | judged.undetermined, noise)
+        return settled, Doubt(judged.undetermined, again.covariance)
+
+    def _at_prior(
+        self, search: TreeSearch, base: Array, values: Array, joint: int, prior: Array
+    ) -> tuple[Array, Array]:
+        """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against."""
+        moved = values.copy()
+        moved[joint] = prior[joint]
+        child = next(i for i, part in enumerate(self.model.parts) if part.joint and part.joint.actuated == joint)
+        origin, none = np.eye(4)[None], np.zeros(1, np.float32)
+        before = search.part_placements(Candidates(origin, values[None], none))[0, child]
+        after = search.part_placements(Candidates(origin, moved[None], none))[0, child]
+        bases = np.array([base, base, base @ before @ inverse(after)])
+        scores = search.scored(Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32)))[0].scores
+        best = int(np.argmax(scores[1:])) + 1
+        if scores[best] < scores[0] - NO_COST:
+            return base, values
+        return bases[best], moved
 
     def _report(
         self,

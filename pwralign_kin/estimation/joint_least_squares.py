@@ -30,16 +30,17 @@ class LeastSquaresOptions:
     bounds: bool = True
     """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
     iterations: int = 15
-    points: int = 4000
-    """Scan points that take part."""
-    support_weight: float = 0.2
+    least_sigma: float = 0.005
+    sigmas: float = 2.0
+    """Robust scale in standard deviations of the scan's noise, at least `least_sigma`."""
+    support_weight: float = 0.05
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
     """Correspondences farther than this many robust scales do not count."""
     damping: float = 1e-6
     most_turn: float = 0.1
     """Largest step of a rotation, rad."""
-    tolerance: float = 2e-5
+    tolerance: float = 1e-4
     """Largest step (rad, model diagonals) of a converged solution."""
 
 
@@ -86,6 +87,16 @@ class JointLeastSquares:
         slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(slide, model.diagonal, 1.0)
 
+    @property
+    def locked(self) -> NDArray[np.bool_]:
+        """Which joints have no freedom (k,)."""
+        return self.upper <= self.lower
+
+    def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
+        """Return the same problem with some joints held at the given values."""
+        lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
+        return JointLeastSquares(self.model, self.search, lower, upper, self.options)
+
     def build(self, base: Array, values: Array) -> Problem:
         """Return the problem linearised at a configuration."""
         metres = values * self.unit
@@ -98,9 +109,10 @@ class JointLeastSquares:
         full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
+        sigma = max(self.options.least_sigma, self.options.sigmas * self.search.observation.noise)
         part_H, part_g, counts = self.search.native.normal_equations(
-            np.ascontiguousarray(base @ placed), self.options.points, self.search.sigma,
-            self.options.reach * self.search.sigma, self.options.support_weight * self.search.options.two_way,
+            np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
+            sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights,
         )  # fmt: skip
         H = np.einsum("pia,pij,pjb->ab", full, part_H, full)

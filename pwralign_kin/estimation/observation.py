@@ -24,12 +24,16 @@ Float = NDArray[np.float32]
 class ObservationOptions:
     """How a scan is prepared. Lengths in model diagonals."""
 
+    given_points: int = 4000
+    """Points that are kept as given, for the joint least squares."""
     voxel: float = 0.01
     """Cell of the downsampling."""
-    normal_radius: float = 0.03
-    """Neighbourhood of a normal, widened to `neighbour_spacings` point spacings where the scan is sparse."""
+    normal_radius: float = 0.012
+    """Neighbourhood of a normal without noise; `normal_noises` times the noise is added, ..."""
+    normal_noises: float = 4.0
     neighbour_spacings: float = 1.6
-    noisy: float = 0.006
+    """... and it is widened to this many point spacings where the scan is sparse."""
+    noisy: float = 0.0055
     """Noise above which normals use `noisy_radius` and points are pulled onto their local plane."""
     noisy_radius: float = 0.05
     pull: float = 0.8
@@ -60,10 +64,14 @@ class Observation:
     """(m, 3) downsampled points."""
     normals: Float
     """(m, 3) unit normals, towards the sensor or the open side."""
+    given: Float
+    """(r, 3) points as given, at most `ObservationOptions.given_points`: noisy, but not displaced by any smoothing."""
+    given_normals: Float
+    """(r, 3) normals of the nearest prepared points."""
     spacing: float
     """Median distance of a point to its sixth neighbour."""
     noise: float
-    """Median standard deviation of the points from their local planes."""
+    """Standard deviation of the given points from their local planes."""
     sensor_origin: Float | None
     """(3,) where the whole scan was seen from one place, else None."""
     field: Any
@@ -111,12 +119,11 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     points, spacing = _without_strays(points, options)
     if len(points) < 20:
         raise ScanError("scan", f"only {len(points)} points are left at the model's scale; is the scan of this model?")
-    radius = max(options.normal_radius, options.neighbour_spacings * spacing)
-    normals, means, variance, _ = kernels.local_planes(points, radius, threads)
-    noise = float(np.sqrt(np.median(variance)))
+    noise = _noise(raw)
+    radius = options.noisy_radius if noise > options.noisy else options.normal_radius + options.normal_noises * noise
+    radius = max(radius, options.neighbour_spacings * spacing)
+    normals, means, _, _ = kernels.local_planes(points, radius, threads)
     if noise > options.noisy:
-        radius = max(options.noisy_radius, options.neighbour_spacings * spacing)
-        normals, means, _, _ = kernels.local_planes(points, radius, threads)
         offset = np.einsum("ij,ij->i", points - means, normals)
         points = np.ascontiguousarray(points - options.pull * offset[:, None] * normals, np.float32)
     normals = _oriented(points, normals, origin, scan, spacing, centre, diagonal, threads)
@@ -126,7 +133,33 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw if origin is not None else np.zeros((0, 3), np.float32),
         options.depth_pixel, options.depth_tolerance, options.shadow,
     )  # fmt: skip
-    return Observation(points, normals, spacing, noise, origin, field, centre, diagonal)
+    given, given_normals = _as_given(raw, points, normals, options.given_points)
+    return Observation(points, normals, given, given_normals, spacing, noise, origin, field, centre, diagonal)
+
+
+def _as_given(raw: Float, points: Float, normals: Float, count: int) -> tuple[Float, Float]:
+    """Return a fair sample of the raw points with the normals of the nearest prepared points."""
+    from scipy.spatial import cKDTree
+
+    chosen = np.random.default_rng(0).permutation(len(raw))[:count]
+    nearest = cKDTree(points).query(raw[chosen])[1]
+    return np.ascontiguousarray(raw[chosen]), np.ascontiguousarray(normals[nearest])
+
+
+def _noise(points: Float) -> float:
+    """Return the standard deviation of the points from planes through their eight nearest neighbours.
+
+    So few neighbours span little of the surface, so that its curvature and its details do not count as noise.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(8, len(points))
+    chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
+    near = points[cKDTree(points).query(points[chosen], k=count)[1]].astype(float)
+    centred = near - near.mean(axis=1, keepdims=True)
+    # A plane takes three degrees of freedom of the neighbours' scatter.
+    scatter = np.einsum("mka,mkb->mab", centred, centred) / max(count - 3, 1)
+    return float(np.sqrt(np.median(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0))))
 
 
 def _common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:

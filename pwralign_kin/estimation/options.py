@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pwralign_kin.estimation.correspondences import CorrespondenceOptions
+from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
@@ -25,9 +25,10 @@ class EstimatorOptions:
     prior: Mapping[str, float] = field(default_factory=dict)
     """Values (rad or m) that joints keep where the scan does not tell them; 0 within the limits where not given."""
     sources: tuple[str, ...] = ("pairs",)
-    """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences)."""
+    """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences).
+    Correspondences that are passed to `estimate` count besides; with () they are the only source."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
-    correspondences: CorrespondenceOptions = field(default_factory=CorrespondenceOptions)
+    fpfh: FpfhMatcher = field(default_factory=FpfhMatcher)
     search: SearchOptions = field(default_factory=SearchOptions)
     repair: RepairOptions = field(default_factory=RepairOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)

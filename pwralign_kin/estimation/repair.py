@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, rotation_about
 
@@ -72,7 +72,7 @@ def repair_moves(search: TreeSearch, solution: Candidates, options: RepairOption
         moves += _regrown(search, solution, support, bad, missing, usual, options)
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
-        moves.append(search.grow(roots, np.ascontiguousarray(placements[roots])))
+        moves.append(search.grow(_placed(roots, placements[roots])))
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if turn:
@@ -155,6 +155,12 @@ def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> l
     return [_regrow(search, solution, [int(parent[i]) for i in cut], [int(i) for i in cut], weights, 8)]
 
 
+def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
+    return Hypotheses(
+        np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32)
+    )
+
+
 def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
     """Turn each of the largest parts by half a revolution about its own and its frame's axes and grow from there."""
     parts: list[int] = []
@@ -185,4 +191,4 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
         return []
     part, after = np.ascontiguousarray(part[good]), np.ascontiguousarray(after[good])
     kept = search.native.distinct_parts(part, after, options.turned_parts, search.options.distinct)
-    return [search.grow(np.ascontiguousarray(part[kept]), np.ascontiguousarray(after[kept]))]
+    return [search.grow(_placed(part[kept], after[kept]))]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.correspondences import OrientedPairs
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array
@@ -99,28 +100,53 @@ class TreeSearch:
     def sigma(self) -> float:
         """Smallest robust scale that the noise of the scan allows."""
         noise = self.observation.noise
-        return max(self.options.least_sigma, 1.2 * noise if noise > 0.006 else 0.0)
+        return max(self.options.least_sigma, 1.2 * noise if noise > 0.0055 else 0.0)
 
     def largest_parts(self, count: int) -> Ints:
         """Return the parts with surface in decreasing size, at most `count`."""
         order = np.argsort(-self.areas * self.exists, kind="stable")
         return np.array([i for i in order[:count] if self.exists[i]], np.int32)
 
-    def part_hypotheses(self, seed: int) -> tuple[Ints, Array]:
-        """Return placed parts (indices and (m, 4, 4) placements), the most promising of the largest parts."""
+    def pair_hypotheses(self, seed: int) -> Hypotheses:
+        """Return poses of the largest parts from oriented point pairs."""
         o = self.options
-        many = len(self.exists) > o.many_parts
-        parts = self.largest_parts(o.root_parts + many * o.more_root_parts)
-        part, placement, score = self.native.part_hypotheses(
-            parts, seed, o.hypotheses_per_part + many * o.more_hypotheses
+        return Hypotheses(
+            *self.native.part_hypotheses(
+                self.largest_parts(o.root_parts + self.many * o.more_root_parts), seed, self._per_part
+            )
         )
-        # A large part explains more: its hypotheses deserve more trials.
-        order = np.argsort(-score * self.weights[part] ** 0.3, kind="stable")[: o.roots + many * o.more_roots]
-        return np.ascontiguousarray(part[order]), np.ascontiguousarray(placement[order])
 
-    def grow(self, part: Ints, placement: Array) -> Candidates:
+    def correspondence_hypotheses(self, pairs: Sequence[OrientedPairs], seed: int) -> Hypotheses:
+        """Return poses of parts from correspondences, in minimal samples of two."""
+        found = [
+            Hypotheses(
+                *self.native.correspondence_hypotheses(
+                    p.part, p.source, p.source_normals, p.target, p.target_normals, p.weight, seed, self._per_part
+                )
+            )
+            for p in pairs
+        ]
+        return Hypotheses.concatenate(found)
+
+    def promising(self, hypotheses: Hypotheses) -> Hypotheses:
+        """Return the hypotheses worth growing, best first."""
+        # A large part explains more: its hypotheses deserve more trials.
+        rank = -hypotheses.scores * self.weights[hypotheses.parts] ** 0.3
+        count = self.options.roots + self.many * self.options.more_roots
+        return hypotheses.take(np.argsort(rank, kind="stable")[:count])
+
+    @property
+    def many(self) -> bool:
+        """Whether the model has so many parts that the search needs more of everything."""
+        return len(self.exists) > self.options.many_parts
+
+    @property
+    def _per_part(self) -> int:
+        return self.options.hypotheses_per_part + self.many * self.options.more_hypotheses
+
+    def grow(self, hypotheses: Hypotheses) -> Candidates:
         """Return for each placed part the best whole configuration grown from it (scored by growth alone)."""
-        return Candidates(*self.native.grow(part, placement))
+        return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements))
 
     def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part."""

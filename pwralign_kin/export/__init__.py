@@ -21,24 +21,28 @@ def export(
 ) -> list[Path]:
     """Write an estimate into `folder`, all files or none, and return their paths.
 
-    - `state.json`: base placement and joint values; `estimate.json`: the same with all figures of the estimate;
-    - `joint_state.yaml` (ROS sensor_msgs/JointState), `initial_positions.yaml` (MoveIt), `model.srdf` (group state);
+    - `state.json`: base placement and joint values; `estimate.json`: the same with all figures of the
+      estimate;
+    - `joint_state.yaml` (ROS sensor_msgs/JointState), `initial_positions.yaml` (MoveIt), `model.srdf` (group
+      state);
     - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it;
     - `model.glb`, `model.ply`: the posed model as a tree of links, and as one mesh in the scan frame;
-    - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per part;
+    - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per
+      part;
     - `overlay.png`: model and scan in one picture.
 
-    `scan` is the one that the estimate was made from; `up` (x, y, z, -x, -y or -z) names its upward axis, for the GLB
-    and the pictures. Other files in `folder` stay.
+    `scan` is the one that the estimate was made from; `up` (x, y, z, -x, -y or -z) names its upward axis, for
+    the GLB and the pictures. Other files in `folder` stay.
 
-    Raises `ExportError` when files cannot be written or the estimate is not one of this scan, `UnknownNameError` for an
-    unknown `up` or a state that does not fit the model.
+    Raises `ExportError` when files cannot be written or the estimate is not one of this scan,
+    `UnknownNameError` for an unknown `up` or a state that does not fit the model.
     """
     folder = Path(folder)
     upward = up_vector(up)
     if len(estimate.scan_labels) != scan.n_input:
         raise ExportError(
-            folder, f"the estimate speaks of {len(estimate.scan_labels)} scan points, this scan has {scan.n_input}"
+            folder,
+            f"the estimate speaks of {len(estimate.scan_labels)} scan points, this scan has {scan.n_input}",
         )
     labels = estimate.scan_labels[scan.source_index]
     state = estimate.state

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files
-from pwralign_kin.render import PosedMesh
+from pwralign_kin.render import PosedMesh, RayScene
 from pwralign_kin.scan import write_ply
 from pwralign_kin.se3 import Array
 
@@ -28,30 +28,46 @@ _DIRECTIONS = 64
 _STEP = 1e-4  # of the diagonal: how far off the surface its two sides are looked at
 _SEEN = 0.05  # a place is seen from outside where more of its half sphere is free
 _EVEN = 0.1  # difference in openness up to which neither side counts as the outer one
-_ROUNDS = 4
-_CHUNK = 50_000
+_SPACING = 0.02  # of the diagonal: large faces are looked at in as many places
+_MOST_PLACES = 50  # per face
+_CHUNK = 20_000
 
 
 def signed_distances(mesh: PosedMesh, points: Array) -> Array:
-    """Return the distance (n,) of every point (n, 3) to the visible surface of the posed model, m, positive outside.
+    """Return the distance (n,) of points (n, 3) to the posed model's visible surface, m, positive outside.
 
-    Neither closed meshes nor consistent normals are needed. On the line through a point and its closest place on the
-    surface, rays go out from just before and just behind that place: the side where more of them leave the model is
-    the outer one. Where none do on either side (walls and fittings within a hollow link) the place cannot have been
-    scanned, and the closest place on the rest of the model counts instead. The sign of a sheet without thickness, open
-    on both sides, follows its face normals.
+    Neither closed meshes nor consistent normals are needed; rays tell what is outside. Faces from which hardly
+    any ray leaves the model on either side (walls and fittings within a hollow link) cannot have been scanned
+    and do not count. On the line through a point and its closest place on the other faces, rays go out from
+    just before and just behind that place, and the side where more of them leave is the outer one. A sheet
+    without thickness, as open on one side as on the other, takes the sign from its face normals.
     """
+    visible = _visible_faces(mesh)
+    surface = RayScene(mesh.vertices - mesh.centre, mesh.faces[visible]) if visible.any() else mesh.scene
     local = np.asarray(points, dtype=np.float64) - mesh.centre
-    return np.concatenate(
-        [np.empty(0), *(_signed(mesh, local[start : start + _CHUNK]) for start in range(0, len(local), _CHUNK))]
-    )
+    distances = np.empty(len(local))
+    for rows in _chunks(len(local)):
+        closest, normals, _ = surface.closest(local[rows])
+        offsets = local[rows] - closest
+        length = np.linalg.norm(offsets, axis=1)
+        off_surface = length > 1e-6 * mesh.diagonal
+        towards = np.where(
+            off_surface[:, None], offsets / np.where(off_surface, length, 1.0)[:, None], normals
+        )
+        front, back = _open_sides(mesh, closest, towards)
+        by_normal = np.where(np.einsum("ni,ni->n", towards, normals) < 0.0, -1.0, 1.0)
+        sign = np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
+        distances[rows] = sign * length
+    return distances
 
 
-def write_deviation_ply(path: Path, points: Array, distances: Array, labels: NDArray[np.int64], mesh: PosedMesh) -> None:
+def write_deviation_ply(
+    path: Path, points: Array, distances: Array, labels: NDArray[np.int64], mesh: PosedMesh
+) -> None:
     """Write the scan points with the properties `distance` (m), `part` (-1: not the model's) and a colour.
 
-    Colours run from blue (behind the surface) over light grey to red (in front of it) and saturate at 1% of the
-    model's diagonal; points that are not the model's are dark grey.
+    Colours run from blue (behind the surface) over light grey to red (in front of it) and saturate at 1% of
+    the model's diagonal; points that are not the model's are dark grey.
     """
     share = np.clip(distances / (COLOUR_RANGE * mesh.diagonal), -1.0, 1.0)[:, None]
     colours = ON + np.where(share > 0.0, share * (OUTSIDE - ON), -share * (INSIDE - ON))
@@ -67,75 +83,73 @@ def write_deviation_ply(path: Path, points: Array, distances: Array, labels: NDA
     write_ply(path, points, properties)
 
 
-def write_deviation_table(path: Path, distances: Array, labels: NDArray[np.int64], parts: Sequence[str]) -> None:
-    """Write a CSV with one row per part: its number and name, its scan points and their signed distances (m)."""
+def write_deviation_table(
+    path: Path, distances: Array, labels: NDArray[np.int64], parts: Sequence[str]
+) -> None:
+    """Write a CSV with a row per part: number, name, and the signed distances (m) of its scan points."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["part", "name", "points", "mean", "rms", "max_abs", "p95_abs"])
     for index, name in enumerate(parts):
         own = distances[labels == index]
-        figures = [own.mean(), np.sqrt(np.mean(own**2)), np.abs(own).max(), np.percentile(np.abs(own), 95)] if len(own) else []
-        cells = [f"{figure:.6g}" for figure in figures] or [""] * 4
+        cells = [f"{figure:.6g}" for figure in _figures(own)] if len(own) else [""] * 4
         writer.writerow([index, name, len(own), *cells])
     files.write_text(path, text.getvalue())
 
 
-def _signed(mesh: PosedMesh, local: Array) -> Array:
-    """Return the signed distances of points (n, 3) given relative to the centre of the mesh."""
-    closest, normals, _ = _closest(mesh.scene, local)
-    face_left = np.ones(len(mesh.faces), dtype=bool)
-    front, back = _open_sides(mesh, local, closest, normals)
-    pending = np.flatnonzero(np.maximum(front, back) < _SEEN)
-    nearest_faces = _closest(mesh.scene, local[pending])[2] if len(pending) else np.empty(0, dtype=np.int64)
-    for _ in range(_ROUNDS):
-        face_left[nearest_faces] = False
-        if not len(pending) or not face_left.any():
-            break
-        rest = PosedMesh(mesh.vertices, mesh.faces[face_left], mesh.face_part[face_left], mesh.parts, mesh.diagonal)
-        there, their_normals, nearest = _closest(rest.scene, local[pending])
-        their_front, their_back = _open_sides(mesh, local[pending], there, their_normals)
-        seen = np.maximum(their_front, their_back) >= _SEEN
-        chosen = pending[seen]
-        closest[chosen], normals[chosen] = there[seen], their_normals[seen]
-        front[chosen], back[chosen] = their_front[seen], their_back[seen]
-        pending, nearest_faces = pending[~seen], np.flatnonzero(face_left)[nearest[~seen]]
-
-    offsets = local - closest
-    by_normal = np.where(np.einsum("ni,ni->n", offsets, normals) < 0.0, -1.0, 1.0)
-    sign = np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
-    return np.asarray(sign * np.linalg.norm(offsets, axis=1))
-
-
-def _closest(scene: Any, local: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return the closest places (n, 3), the normals (n, 3) and the indices (n,) of their faces."""
-    import open3d as o3d
-
-    answer = scene.compute_closest_points(o3d.core.Tensor(local.astype(np.float32)))
+def _figures(distances: Array) -> tuple[float, float, float, float]:
+    """Return mean, root mean square, largest and 95th percentile of absolute values."""
+    size = np.abs(distances)
     return (
-        answer["points"].numpy().astype(np.float64),
-        answer["primitive_normals"].numpy().astype(np.float64),
-        answer["primitive_ids"].numpy().astype(np.int64),
+        float(distances.mean()),
+        float(np.sqrt(np.mean(size**2))),
+        float(size.max()),
+        float(np.percentile(size, 95)),
     )
 
 
-def _open_sides(mesh: PosedMesh, local: Array, closest: Array, normals: Array) -> tuple[Array, Array]:
-    """Return how open the surface is at each closest place (n,), on the point's side and on the other."""
-    import open3d as o3d
+def _visible_faces(mesh: PosedMesh) -> NDArray[np.bool_]:
+    """Return which faces (f,) are seen from outside the posed model in at least one of several places."""
+    corners = mesh.vertices[mesh.faces] - mesh.centre
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(normals, axis=1)
+    normals /= np.where(double_area > 0.0, double_area, 1.0)[:, None]
+    counts = np.clip(np.ceil(double_area / (_SPACING * mesh.diagonal) ** 2), 1, _MOST_PLACES).astype(np.int64)
+    face = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    # The centroid, then the sequence of the plastic number, folded into the triangle.
+    weights = (1.0 / 3.0 + number[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
+    weights = np.where(weights.sum(axis=1, keepdims=True) > 1.0, 1.0 - weights, weights)
+    visible = np.zeros(len(counts), dtype=bool)
+    for rows in _chunks(len(face)):
+        own, along = corners[face[rows]], weights[rows, :, None]
+        places = own[:, 0] + (along * (own[:, 1:] - own[:, :1])).sum(axis=1)
+        seen = np.maximum(*_open_sides(mesh, places, normals[face[rows]])) >= _SEEN
+        visible[face[rows][seen]] = True
+    return visible
 
-    offsets = local - closest
-    length = np.linalg.norm(offsets, axis=1, keepdims=True)
-    far_enough = length > 1e-6 * mesh.diagonal
-    towards = np.where(far_enough, offsets / np.where(far_enough, length, 1.0), normals)
+
+def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, Array]:
+    """Return which share of rays leaves the model freely from places (n, 3) on its surface.
+
+    The first (n,) is of the half sphere around `towards` (n, 3), the second of the other; places are given
+    relative to the centre of the mesh.
+    """
     directions = _sphere(_DIRECTIONS)
     ahead = np.einsum("ni,ki->nk", towards, directions) > 0.0
-    step = np.where(ahead, 1.0, -1.0)[..., None] * (_STEP * mesh.diagonal * towards)[:, None]
-    rays = np.empty((len(local), _DIRECTIONS, 6), dtype=np.float32)
-    rays[..., :3] = closest[:, None] + step
+    step = _STEP * mesh.diagonal * towards
+    rays = np.empty((len(places), _DIRECTIONS, 6), dtype=np.float32)
+    rays[..., :3] = np.where(ahead[..., None], (places + step)[:, None], (places - step)[:, None])
     rays[..., 3:] = directions
-    free = ~mesh.scene.test_occlusions(o3d.core.Tensor(rays)).numpy()
+    free = ~mesh.scene.blocked(rays)
     front = (free & ahead).sum(axis=1) / np.maximum(ahead.sum(axis=1), 1)
     back = (free & ~ahead).sum(axis=1) / np.maximum((~ahead).sum(axis=1), 1)
     return front, back
+
+
+def _chunks(count: int) -> list[slice]:
+    """Return slices of bounded length that cover `count` rows."""
+    return [slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK)]
 
 
 def _sphere(count: int) -> Array:

@@ -13,10 +13,11 @@ from pwralign_kin.exceptions import ExportError
 
 @contextmanager
 def atomic_folder(folder: Path | str) -> Iterator[Path]:
-    """Yield an empty temporary folder beside `folder`, whose files move into `folder` when the block succeeds.
+    """Yield an empty temporary folder beside `folder`, whose files move into `folder` when the block
+    succeeds.
 
-    Files of the same name are replaced, others in `folder` stay. When the block or the move fails, `folder` is as it
-    was before. Raises `ExportError` for whatever the file system refuses.
+    Files of the same name are replaced, others in `folder` stay. When the block or the move fails, `folder`
+    is as it was before. Raises `ExportError` for whatever the file system refuses.
     """
     folder = Path(folder)
     try:
@@ -36,7 +37,7 @@ def atomic_folder(folder: Path | str) -> Iterator[Path]:
 
 
 def _move_files(new: Path, folder: Path, backup: Path) -> None:
-    """Move the files of `new` into `folder`; on failure put the files that they replaced back from `backup`."""
+    """Move the files of `new` into `folder`; on failure put the files that they replaced back."""
     if not folder.exists():
         new.rename(folder)
         return

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import files, se3
 from pwralign_kin.export.axes import up_vector
+from pwralign_kin.export.source import end_link
 from pwralign_kin.model import ArticulatedModel, Visual
 from pwralign_kin.render import corner_normals, to_linear
 from pwralign_kin.se3 import Array
@@ -25,10 +26,10 @@ _FLOAT, _UNSIGNED_INT = 5126, 5125
 def write_glb(path: Path, model: ArticulatedModel, state: State, up: str = "z") -> None:
     """Write the model in `state` as GLB.
 
-    The top node `scan` turns the scan's axis `up` (x, y, z, -x, -y or -z) to glTF's +y. Below it hangs one node per
-    link, named after it and placed relative to its parent link. The node below a joint tells about it in its extras:
-    name, type, axis (in the link's frame), value, unit and, where they exist, limits and what it mimics.
-    Raises `UnknownNameError` for another `up`.
+    The top node `scan` turns the scan's axis `up` (x, y, z, -x, -y or -z) to glTF's +y. Below it hangs one
+    node per link, named after it and placed relative to its parent link. The node below a joint tells about
+    it in its extras: name, type, axis (in the link's frame), value, unit and, where they exist, limits and
+    what it mimics. Raises `UnknownNameError` for another `up`.
     """
     T_scan_root = model.root_placement(state)
     placements = model.link_placements(model.values(state.joints))
@@ -44,7 +45,8 @@ def write_glb(path: Path, model: ArticulatedModel, state: State, up: str = "z") 
         if joint is None:
             T, extras = T_scan_root, None
         else:
-            T, extras = se3.inverse(placements[joint["parent"]]) @ placements[link], {"joint": joint["extras"]}
+            T = se3.inverse(placements[joint["parent"]]) @ placements[link]
+            extras = {"joint": joint["extras"]}
         nodes[link] = document.node(link, T, extras, document.mesh(link, visuals.get(link, [])))
     for link, index in nodes.items():
         document.hang(index, nodes[joints[link]["parent"]] if link in joints else scan)
@@ -60,7 +62,7 @@ def _joints(model: ArticulatedModel, state: State) -> dict[str, dict[str, Any]]:
     moving = {part.joint.name: part.joint for part in model.parts if part.joint is not None}
     joints: dict[str, dict[str, Any]] = {}
     for element in etree.fromstring(model.normalised_urdf).iterfind("joint"):
-        name, kind = element.attrib["name"], element.attrib["type"]
+        name, kind = str(element.get("name")), str(element.get("type"))
         extras: dict[str, Any] = {"name": name, "type": kind}
         if name in moving:
             joint = moving[name]
@@ -69,15 +71,11 @@ def _joints(model: ArticulatedModel, state: State) -> dict[str, dict[str, Any]]:
             extras["unit"] = "m" if kind == "prismatic" else "rad"
             limit, mimic = element.find("limit"), element.find("mimic")
             if limit is not None:
-                extras["limits"] = [float(limit.attrib["lower"]), float(limit.attrib["upper"])]
+                extras["limits"] = [float(limit.get(end, "nan")) for end in ("lower", "upper")]
             if mimic is not None:
-                extras["mimic"] = {
-                    "joint": mimic.attrib["joint"],
-                    "multiplier": joint.multiplier,
-                    "offset": joint.offset,
-                }
-        parent, child = (element.find(tag).attrib["link"] for tag in ("parent", "child"))  # type: ignore[union-attr]
-        joints[child] = {"parent": parent, "extras": extras}
+                leader = model.joint_names[joint.actuated]
+                extras["mimic"] = {"joint": leader, "multiplier": joint.multiplier, "offset": joint.offset}
+        joints[end_link(element, "child")] = {"parent": end_link(element, "parent"), "extras": extras}
     return joints
 
 
@@ -169,29 +167,31 @@ class _Document:
 
     def _vectors(self, rows: NDArray[np.float32], bounds: bool = False) -> int:
         limits = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()} if bounds else {}
-        view = self._view(rows.tobytes(), _ARRAY_BUFFER)
-        return self._accessor({"bufferView": view, "componentType": _FLOAT, "count": len(rows), "type": "VEC3", **limits})
+        form = {"componentType": _FLOAT, "count": len(rows), "type": "VEC3", **limits}
+        return self._accessor(rows.tobytes(), _ARRAY_BUFFER, form)
 
     def _indices(self, index: NDArray[np.int64]) -> int:
-        view = self._view(index.astype("<u4").tobytes(), _ELEMENT_ARRAY_BUFFER)
-        return self._accessor({"bufferView": view, "componentType": _UNSIGNED_INT, "count": len(index), "type": "SCALAR"})
+        form = {"componentType": _UNSIGNED_INT, "count": len(index), "type": "SCALAR"}
+        return self._accessor(index.astype("<u4").tobytes(), _ELEMENT_ARRAY_BUFFER, form)
 
-    def _view(self, data: bytes, target: int) -> int:
+    def _accessor(self, data: bytes, target: int, form: dict[str, Any]) -> int:
+        """Append `data`, whose length is a multiple of four, and return the index of the accessor to it."""
         self.views.append({"buffer": 0, "byteOffset": self.length, "byteLength": len(data), "target": target})
         self.chunks.append(data)
         self.length += len(data)
-        return len(self.views) - 1
-
-    def _accessor(self, accessor: dict[str, Any]) -> int:
-        self.accessors.append(accessor)
+        self.accessors.append({"bufferView": len(self.views) - 1, **form})
         return len(self.accessors) - 1
 
 
 def _material(rgba: tuple[float, ...]) -> dict[str, Any]:
-    """Return a matt material; CAD faces are shown from both sides because their winding is not to be trusted."""
+    """Return a matt material, shown from both sides because the winding of CAD faces is not to be trusted."""
     linear = to_linear(np.array(rgba[:3])).tolist()
     material: dict[str, Any] = {
-        "pbrMetallicRoughness": {"baseColorFactor": [*linear, rgba[3]], "metallicFactor": 0.0, "roughnessFactor": 0.6},
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*linear, rgba[3]],
+            "metallicFactor": 0.0,
+            "roughnessFactor": 0.6,
+        },
         "doubleSided": True,
     }
     if rgba[3] < 1.0:

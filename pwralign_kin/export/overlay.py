@@ -25,7 +25,7 @@ _HEADER = 104
 
 
 def write_overlay(path: Path, name: str, estimate: Estimate, mesh: PosedMesh, scan: Scan, up: Array) -> None:
-    """Write a PNG: two views of the posed model and the scan points, a line of figures, and the parts' colours.
+    """Write a PNG: two views of the posed model and the scan points, figures, and the parts' colours.
 
     `name` is the heading; `up` (3,) points upwards in the pictures, scan frame.
     """
@@ -60,13 +60,15 @@ Entry = tuple[str, tuple[int, ...], bool, tuple[int, int, int]]
 
 
 def _legend(estimate: Estimate, mesh: PosedMesh) -> list[Entry]:
-    """Return text, colour, whether it is a dot, and ink of every entry: parts with geometry, then the two dots."""
+    """Return text, colour, whether it is a dot, and ink of every entry: parts with geometry, then dots."""
     shown = np.bincount(mesh.face_part, minlength=len(mesh.parts)) > 0
     entries: list[Entry] = []
     for name, colour in zip(np.array(mesh.parts)[shown], part_colours(len(mesh.parts))[shown], strict=True):
         part = estimate.parts.get(str(name))
         seen = part is not None and part.points > 0
-        entries.append((str(name) if seen else f"{name} (no points)", _bytes(colour), False, _INK if seen else _PALE))
+        entries.append(
+            (str(name) if seen else f"{name} (no points)", _bytes(colour), False, _INK if seen else _PALE)
+        )
     entries.append(("scan point on the model", _bytes(POINT_NEAR), True, _INK))
     entries.append(("scan point off it", _bytes(POINT_FAR), True, _INK))
     return entries
@@ -87,7 +89,10 @@ def _flow(entries: list[Entry]) -> list[list[tuple[int, Entry]]]:
 
 
 def _figures(estimate: Estimate, scan: Scan) -> str:
-    figures = [f"confidence {estimate.confidence:.2f}", f"explains {estimate.scan_coverage:.1%} of {len(scan.points)} scan points"]
+    figures = [
+        f"confidence {estimate.confidence:.2f}",
+        f"explains {estimate.scan_coverage:.1%} of {len(scan.points)} scan points",
+    ]
     if np.isfinite(estimate.inlier_rmse):
         figures.append(f"inlier RMSE {1e3 * estimate.inlier_rmse:.2f} mm")
     if scan.sensor_origin is not None and np.ndim(scan.sensor_origin) == 1:
@@ -96,7 +101,7 @@ def _figures(estimate: Estimate, scan: Scan) -> str:
 
 
 def _panel_sizes(mesh: PosedMesh, views: tuple[View, View]) -> list[tuple[int, int]]:
-    """Return the sizes of the panels: one above the other if both views are wide, else side by side, the wider larger."""
+    """Return the sizes of the panels: one above the other if both views are wide, else side by side."""
     shapes = []
     for view in views:
         in_axes = (mesh.vertices - view.eye) @ view.axes().T

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 
 def source_tree(model: ArticulatedModel) -> Element:
-    """Return the root element of the model's URDF with its comments; for a xacro, of the URDF that it expands to.
+    """Return the root element of the model's URDF with its comments; for a xacro, of the URDF that it expands
+    to.
 
     Raises `ModelError` when the file is gone since the model was read.
     """
@@ -30,3 +31,9 @@ def source_tree(model: ArticulatedModel) -> Element:
 def joint_types(model: ArticulatedModel) -> dict[str, str]:
     """Return the type of every joint of the URDF by name, as written there."""
     return {str(joint.get("name")): str(joint.get("type")) for joint in source_tree(model).iterfind("joint")}
+
+
+def end_link(joint: Element, tag: str) -> str:
+    """Return the name of the joint's link at the end `tag`: "parent" or "child"."""
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")

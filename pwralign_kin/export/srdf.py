@@ -22,7 +22,10 @@ def write_srdf(path: Path, model: ArticulatedModel, values: JointValues) -> None
     robot = etree.Element("robot", name=model.name)
     group = etree.SubElement(robot, "group", name=GROUP)
     state = etree.SubElement(robot, "group_state", name=STATE, group=GROUP)
-    for name, numbers in {**{name: (value,) for name, value in values.single.items()}, **values.multiple}.items():
+    for name, numbers in {
+        **{name: (value,) for name, value in values.single.items()},
+        **values.multiple,
+    }.items():
         etree.SubElement(group, "joint", name=name)
         etree.SubElement(state, "joint", name=name, value=" ".join(map(repr, numbers)))
     text = etree.tostring(robot, xml_declaration=True, encoding="utf-8", pretty_print=True)

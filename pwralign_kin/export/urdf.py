@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pwralign_kin import files
-from pwralign_kin.export.source import source_tree
+from pwralign_kin.export.source import end_link, source_tree
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.model.meshes import find_mesh
 from pwralign_kin.se3 import Array
@@ -25,13 +25,13 @@ WORLD = "world"
 
 
 def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder: Path) -> str:
-    """Write a copy of the model's URDF, comments and all, with the base placed as in `state`; return the scan's link.
+    """Write a copy of the URDF, comments and all, placed as in `state`; return the link that is the scan.
 
-    A link `world` becomes the root, joined to the old root by a fixed joint at T_scan_base. If the root already is an
-    empty link `world` with fixed joints only, it is reused and their origins change; any other link of that name stays
-    as it is and the new root gets another name. File names relative to the URDF are rewritten relative to `folder`,
-    where the file will be read; `package://` names stay. What strict readers demand and the URDF lacks (the robot's
-    name, limits, effort and velocity) is filled in.
+    A link `world` becomes the root, joined to the old root by a fixed joint at T_scan_base. If the root
+    already is an empty link `world` with fixed joints only, it is reused and their origins change; any other
+    link of that name stays as it is and the new root gets another name. File names relative to the URDF are
+    rewritten relative to `folder`, where the file will be read; `package://` names stay. What strict readers
+    demand and the URDF lacks (the robot's name, limits, effort and velocity) is filled in.
 
     Raises `ModelError` when the URDF is gone since the model was read.
     """
@@ -46,7 +46,10 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
             element.set("filename", _seen_from(folder, filename.strip(), model.urdf_path))
     # What stands outside the root element (comments, processing instructions) is kept, each on its own line.
     nodes = [*reversed(list(robot.itersiblings(preceding=True))), robot, *robot.itersiblings()]
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', *(etree.tostring(node, encoding="unicode", with_tail=False) for node in nodes)]
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        *(etree.tostring(node, encoding="unicode", with_tail=False) for node in nodes),
+    ]
     files.write_text(path, "\n".join(lines) + "\n")
     return world
 
@@ -56,12 +59,12 @@ def _place_root(robot: Element, model: ArticulatedModel, state: State) -> str:
     root = model.root_link
     T_scan_root = model.root_placement(state)
     links = {link.get("name"): link for link in robot.iterfind("link")}
-    hanging = [joint for joint in robot.iterfind("joint") if _end(joint, "parent") == root]
+    hanging = [joint for joint in robot.iterfind("joint") if end_link(joint, "parent") == root]
     empty = next(links[root].iterchildren("visual", "collision", "inertial"), None) is None
     if root == WORLD and empty and all(joint.get("type") == "fixed" for joint in hanging):
         placements = model.link_placements(model.values(state.joints))
         for joint in hanging:
-            _set_origin(joint, T_scan_root @ placements[_end(joint, "child")])
+            _set_origin(joint, T_scan_root @ placements[end_link(joint, "child")])
         return WORLD
 
     world = _unused(WORLD if WORLD not in links else "scan", links)
@@ -80,7 +83,7 @@ def _place_root(robot: Element, model: ArticulatedModel, state: State) -> str:
     _set_origin(joint, T_scan_root)
     indent = robot.text if robot.text and not robot.text.strip() else "\n  "
     etree.indent(joint, space=indent.rpartition("\n")[2], level=1)
-    comment = etree.Comment(f" {world} is the scan frame; the joint below is the estimated placement of {root} in it ")
+    comment = etree.Comment(f" {world} is the scan frame; the joint below is the estimated placement in it ")
     for position, element in enumerate((comment, link, joint)):
         element.tail = indent
         robot.insert(position, element)
@@ -98,19 +101,24 @@ def _mend(robot: Element, model: ArticulatedModel) -> None:
     for joint in robot.iterfind("joint"):
         if joint.get("type") not in ("revolute", "prismatic", "continuous"):
             continue
-        limit, known = joint.find("limit"), mended[joint.get("name")].find("limit")
+        as_read = mended[joint.get("name")]
+        axis, limit, known = joint.find("axis"), joint.find("limit"), as_read.find("limit")
+        if axis is not None and abs(math.hypot(*map(float, axis.get("xyz", "1").split())) - 1.0) > 1e-12:
+            axis.set("xyz", as_read.find("axis").get("xyz"))  # readers differ in what a longer axis means
         if limit is None and known is not None:
             limit = etree.SubElement(joint, "limit")
-        if limit is not None:
-            for key, value in {"effort": "0.0", "velocity": "0.0", **({} if known is None else known.attrib)}.items():
-                if limit.get(key) is None:
-                    limit.set(key, value)
+        if limit is None:  # a continuous joint needs none
+            continue
+        for key in ("lower", "upper", "effort", "velocity"):
+            value = known.get(key) if known is not None else "0.0" if key in ("effort", "velocity") else None
+            if limit.get(key) is None and value is not None:
+                limit.set(key, value)
 
 
 def _seen_from(folder: Path, filename: str, urdf: Path) -> str:
     """Return the name by which a file named `filename` in `urdf` is found from a URDF in `folder`."""
     plain = filename.removeprefix("file://")
-    if "://" in plain or os.path.isabs(plain):
+    if "://" in plain or Path(plain).is_absolute():
         return filename
     found, _ = find_mesh(plain, urdf)
     target = (urdf.parent / plain if found is None else found).resolve()
@@ -135,8 +143,8 @@ def _set_origin(joint: Element, T: Array) -> None:
 def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     """Return the fixed-axis angles of `R` (3, 3), exact at a pitch of a right angle too.
 
-    Where roll and yaw turn about the same axis their split is arbitrary; roll is taken from what is left of `R` once
-    yaw is undone, so that an error in one is made good by the other.
+    Where roll and yaw turn about the same axis their split is arbitrary; roll is taken from what is left of
+    `R` once yaw is undone, so that an error in one is made good by the other.
     """
     yaw = math.atan2(R[1, 0], R[0, 0]) if math.hypot(R[0, 0], R[1, 0]) > 1e-12 else 0.0
     cosine, sine = math.cos(yaw), math.sin(yaw)
@@ -147,11 +155,6 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
 
 def _text(numbers: Iterable[float]) -> str:
     return " ".join(f"{number + 0.0:.17g}" for number in numbers)
-
-
-def _end(joint: Element, tag: str) -> str:
-    element = joint.find(tag)
-    return "" if element is None else element.get("link", "")
 
 
 def _unused(name: str, taken: Iterable[str | None]) -> str:

@@ -250,6 +250,20 @@ void bind_search(nb::module_ &m) {
             }
             return write_hypotheses(found);
         }, "parts"_a, "seed"_a, "keep"_a)
+        .def("correspondence_hypotheses", [](const Search &self, int part, Points source, Points source_normals, Points target, Points target_normals, In<float, nb::shape<-1>> weights, uint64_t seed, int keep) {
+            const size_t count = source.shape(0);
+            require(part >= 0 && part < self.model.parts && self.model.surface[part].exists, "a hypothesis needs a part with a surface");
+            require(source_normals.shape(0) == count && target.shape(0) == count && target_normals.shape(0) == count && weights.shape(0) == count, "the arrays of the correspondences differ in length");
+            std::vector<Correspondence> given;
+            for (size_t i = 0; i < count; ++i)
+                given.push_back({{vectors(source)[i], vectors(source_normals)[i]}, {vectors(target)[i], vectors(target_normals)[i]}, weights.data()[i]});
+            std::vector<Hypothesis> found;
+            {
+                nb::gil_scoped_release release;
+                found = self.correspondence_hypotheses(part, given, seed, keep);
+            }
+            return write_hypotheses(found);
+        }, "part"_a, "source"_a, "source_normals"_a, "target"_a, "target_normals"_a, "weights"_a, "seed"_a, "keep"_a)
         .def("refine_parts", [](const Search &self, Ints parts, Placements placements, int iterations) {
             auto hypotheses = read_hypotheses(self.model, parts, placements);
             {
@@ -332,17 +346,19 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
-        .def("normal_equations", [](const Search &self, Placements placements, int points, float sigma, float cap, float support_weight, In<float, nb::shape<-1>> part_weights) {
+        .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, In<float, nb::shape<-1>> part_weights) {
             const size_t n = self.model.parts;
             require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
             std::vector<Rigid> T;
             for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
+            std::vector<OrientedPoint> sampled;
+            for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
             std::vector<Normal> normal(n);
             Assignment a;
             {
                 nb::gil_scoped_release release;
-                points = std::min<int>(points, int(self.shuffled.size()));
-                self.accumulate({self.shuffled.begin(), self.shuffled.begin() + points}, T, sigma, cap, support_weight, part_weights.data(), normal, a);
+                self.accumulate(sampled, T, sigma, cap, support_weight, part_weights.data(), normal, a);
             }
             std::vector<double> H, g;
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
@@ -350,7 +366,7 @@ void bind_search(nb::module_ &m) {
             for (int p : a.part)
                 if (p >= 0) ++counts[p];
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
-        }, "placements"_a, "points"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
+        }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
 }
 
 } // namespace

@@ -79,9 +79,44 @@ std::vector<Hypothesis> select(const std::vector<Hypothesis> &hypotheses, const 
 }
 } // namespace
 
-std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep) const {
-    constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8, first_samples = 16, pool = 400, refined = 60;
+// The pose that lays a model pair onto a scan pair, given the frames of both and their first points.
+static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec model_point) {
+    Rigid T = Rigid::identity();
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            T.R[3 * i + j] = Rs[3 * i] * Rm[3 * j] + Rs[3 * i + 1] * Rm[3 * j + 1] + Rs[3 * i + 2] * Rm[3 * j + 2];
+    const float world[3] = {scan_point.x, scan_point.y, scan_point.z};
+    for (int i = 0; i < 3; ++i)
+        T.t[i] = world[i] - (T.R[3 * i] * model_point.x + T.R[3 * i + 1] * model_point.y + T.R[3 * i + 2] * model_point.z);
+    return T;
+}
+
+// Score a candidate; most fail on the first few samples already.
+void Search::consider(int part, const Rigid &pose, std::vector<Hypothesis> &candidates) const {
+    constexpr int first_samples = 16;
     constexpr float promising = .15f;
+    const Surface &s = model.surface[part];
+    const float distance = 1.3f * options.support_distance;
+    const int first = s.count(first_samples), last = s.count(options.sweep_samples);
+    const RigidF T = to_float(pose);
+    const float early = part_score(part, T, 0, first, distance, nullptr);
+    if (early < promising * s.cumulated[first]) return;
+    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, nullptr)) / s.cumulated[last]});
+}
+
+std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep) const {
+    constexpr size_t pool = 400;
+    constexpr int refined = 60;
+    sort_by_score(candidates);
+    if (candidates.size() > pool) candidates.resize(pool);
+    candidates = select(candidates, distinct(candidates, refined, .02f));
+    for (auto &h : candidates) refine_part(h, 5);
+    sort_by_score(candidates);
+    return select(candidates, distinct(candidates, keep, .03f));
+}
+
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep) const {
+    constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
@@ -92,8 +127,6 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int 
     std::iota(order.begin(), order.end(), 0);
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
     const int per_anchor = std::max(1, pairs / std::max(1, anchor_count));
-    const float distance = 1.3f * options.support_distance;
-    const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     std::vector<int> near;
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
@@ -112,29 +145,38 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int 
             const int matches = int(range.second - range.first), start = int(range.first - table.key.begin());
             for (int v = 0; v < std::min(matches, votes_of_pair); ++v) {
                 const int m = start + int(random.below(uint32_t(matches)));
-                const float *Rm = &table.frame[9 * m];
-                Hypothesis h{part, Rigid::identity(), 0};
-                for (int i = 0; i < 3; ++i)
-                    for (int j = 0; j < 3; ++j)
-                        h.T.R[3 * i + j] = Rs[3 * i] * Rm[3 * j] + Rs[3 * i + 1] * Rm[3 * j + 1] + Rs[3 * i + 2] * Rm[3 * j + 2];
-                const Vec anchor = s.p[table.first[m]];
-                const float world[3] = {p.p.x, p.p.y, p.p.z};
-                for (int i = 0; i < 3; ++i)
-                    h.T.t[i] = world[i] - (h.T.R[3 * i] * anchor.x + h.T.R[3 * i + 1] * anchor.y + h.T.R[3 * i + 2] * anchor.z);
-                const RigidF T = to_float(h.T);
-                const float early = part_score(part, T, 0, first, distance, nullptr);
-                if (early < promising * s.cumulated[first]) continue;
-                h.score = (early + part_score(part, T, first, last, distance, nullptr)) / s.cumulated[last];
-                candidates.push_back(h);
+                consider(part, aligning(Rs, p.p, &table.frame[9 * m], s.p[table.first[m]]), candidates);
             }
         }
     }
-    sort_by_score(candidates);
-    if (candidates.size() > pool) candidates.resize(pool);
-    candidates = select(candidates, distinct(candidates, refined, .02f));
-    for (auto &h : candidates) refine_part(h, 5);
-    sort_by_score(candidates);
-    return select(candidates, distinct(candidates, keep, .03f));
+    return best_of(std::move(candidates), keep);
+}
+
+std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::vector<Correspondence> &given,
+                                                          uint64_t seed, int keep) const {
+    constexpr int trials = 20000;
+    constexpr float stretch = .02f, bend = .35f;
+    const float shortest = model.surface[part].pairs.shortest;
+    std::vector<Hypothesis> candidates;
+    if (given.size() < 2) return candidates;
+    std::vector<double> cumulated{0};
+    for (const Correspondence &c : given) cumulated.push_back(cumulated.back() + c.weight);
+    Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
+    auto drawn = [&]() -> const Correspondence & {
+        const auto at = std::upper_bound(cumulated.begin(), cumulated.end(), random.uniform() * cumulated.back());
+        return given[std::clamp<int64_t>(at - cumulated.begin() - 1, 0, int64_t(given.size()) - 1)];
+    };
+    for (int t = 0; t < trials; ++t) {
+        const Correspondence &a = drawn(), &b = drawn();
+        const Vec model_pair = b.source.p - a.source.p, scan_pair = b.target.p - a.target.p;
+        // A true pair keeps its length and the angle of its normals.
+        if (norm(model_pair) < shortest || std::abs(norm(model_pair) - norm(scan_pair)) > stretch) continue;
+        if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
+        float Rs[9], Rm[9];
+        if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), candidates);
+    }
+    return best_of(std::move(candidates), keep);
 }
 
 std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const {

@@ -12,7 +12,7 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
 
 // Per part the normal equations of both directions at the given placements, about `centre`: scan points to the nearest
 // part (point to plane, Geman-McClure kernel of scale `sigma`), model samples to the scan.
-void Search::accumulate(const std::vector<int> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
+void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
                         float support_weight, const float *part_weights, std::vector<Normal> &normal,
                         Assignment &a) const {
     const int n = model.parts, points = int(sampled.size());
@@ -21,17 +21,15 @@ void Search::accumulate(const std::vector<int> &sampled, const std::vector<Rigid
     std::vector<RigidF> F(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]), normal[p] = Normal();
     const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
-    std::vector<Vec> positions(points);
-    for (int i = 0; i < points; ++i) positions[i] = field.points[sampled[i]].p;
-    a = assign(positions.data(), points, 1, T.data(), mask.data(), cap);
+    a = assign(&sampled[0].p, points, 2, T.data(), mask.data(), cap);
     for (int i = 0; i < points; ++i) {
         const int p = a.part[i];
         if (p < 0) continue;
         const OrientedPoint &s = model.surface[p].dense[a.sample[i]];
         const Vec surface_normal = rotate(F[p], s.n), foot = apply(F[p], s.p);
-        const float residual = dot(positions[i] - foot, surface_normal);
+        const float residual = dot(sampled[i].p - foot, surface_normal);
         const float kernel = squared / (squared + residual * residual);
-        const float agreement = std::abs(dot(surface_normal, field.points[sampled[i]].n));
+        const float agreement = std::abs(dot(surface_normal, sampled[i].n));
         normal[p].add_plane(foot - centre, surface_normal, residual, kernel * kernel * (.1f + .9f * agreement) / points);
     }
     if (support_weight > 0)
@@ -66,7 +64,8 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
                         float support_weight, const float *part_weights) const {
     const int n = model.parts, joints = model.joints, size = 6 + joints;
     points = std::min<int>(points, int(field.points.size()));
-    const std::vector<int> sampled(shuffled.begin(), shuffled.begin() + points);
+    std::vector<OrientedPoint> sampled(points);
+    for (int i = 0; i < points; ++i) sampled[i] = field.points[shuffled[i]];
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
     Assignment assignment;

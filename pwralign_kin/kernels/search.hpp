@@ -33,6 +33,12 @@ struct Hypothesis {
     float score;
 };
 
+// A point of a part (part frame) and the scan point it is believed to be.
+struct Correspondence {
+    OrientedPoint source, target;
+    float weight;
+};
+
 struct Configuration {
     Rigid base;
     std::vector<double> values;
@@ -55,6 +61,9 @@ class Search {
 
     // RANSAC with minimal samples of two oriented points, for each of `parts`; the best `keep` distinct poses each.
     std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const;
+    // The same from correspondences of one part, in minimal samples of two.
+    std::vector<Hypothesis> correspondence_hypotheses(int part, const std::vector<Correspondence> &given, uint64_t seed,
+                                                      int keep) const;
     // Refine poses of single parts and score them.
     void refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const;
     // Indices of hypotheses (in order) that differ from all before by more than `radius`, the first `keep` of a part.
@@ -70,8 +79,8 @@ class Search {
     // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
     void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                 float sigma_last, float support_weight, const std::vector<float> &part_weights) const;
-    // Normal equations of every part at given placements, from the first `points` shuffled scan points.
-    void accumulate(const std::vector<int> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
+    // Normal equations of every part at given placements, from the given scan points.
+    void accumulate(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
                     float support_weight, const float *part_weights, std::vector<Normal> &normal, Assignment &a) const;
     Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                       float cap) const;
@@ -80,7 +89,6 @@ class Search {
     const ScanField &field;
     SearchOptions options;
     std::vector<double> neutral;
-    std::vector<int> shuffled; // scan points in a fixed random order: prefixes are fair samples
 
   private:
     struct Partial {
@@ -104,6 +112,8 @@ class Search {
     float part_score(int part, const RigidF &T, int first, int last, float distance,
                      const float *point_weights) const;
     std::vector<Hypothesis> hypotheses_of_part(int part, uint64_t seed, int keep) const;
+    void consider(int part, const Rigid &pose, std::vector<Hypothesis> &candidates) const;
+    std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep) const;
     void refine_part(Hypothesis &hypothesis, int iterations) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
@@ -118,6 +128,7 @@ class Search {
 
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
+    std::vector<int> shuffled; // scan points in a fixed random order: prefixes are fair samples
 };
 
 } // namespace pwr

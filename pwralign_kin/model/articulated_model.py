@@ -40,18 +40,24 @@ class ArticulatedModel:
     name: str
     urdf_path: Path
     root_link: str
-    """The link whose frame is the root frame; `State.T_scan_base` places it unless the state names another."""
+    """The link whose frame is the root frame; a state places it unless it names another link."""
 
     parts: tuple[Part, ...]
     """parts[0] is the root; parents come before their children."""
 
     joint_names: tuple[str, ...]
-    """The k actuated joints (those that mimic none) in the URDF's order. Planar and floating joints appear as their
-    components: name.x, name.y, name.yaw and name.x, .y, .z, .roll, .pitch, .yaw (URDF's fixed-axis angles)."""
+    """The k actuated joints (those that mimic none) in the URDF's order.
+
+    Planar and floating joints appear as their components: name.x, name.y, name.yaw, and name.x, name.y,
+    name.z, name.roll, name.pitch, name.yaw (URDF's fixed-axis angles).
+    """
 
     lower: Array
-    """(k,) lower limits, rad or m. They respect what joints that mimic demand. A joint that turns a full circle or
-    more keeps one turn: (-pi, pi), or as near to it as its limits let it."""
+    """(k,) lower limits, rad or m.
+
+    They respect what joints that mimic demand. A joint that turns a full circle or more keeps one turn:
+    (-pi, pi), or as near to it as its limits let it.
+    """
 
     upper: Array
     """(k,) upper limits, rad or m."""
@@ -72,10 +78,10 @@ class ArticulatedModel:
     """What was mended on reading."""
 
     normalised_urdf: str = field(repr=False)
-    """The URDF as this package understands it: mended, planar and floating joints expanded, mimic chains resolved."""
+    """The URDF as understood: mended, planar and floating joints expanded, mimic chains resolved."""
 
     content_key: str = field(repr=False)
-    """Changes with the normalised URDF, the mesh files and the reading options, never with where the files are."""
+    """Changes with the normalised URDF, the mesh files and the options, not with the folder they are in."""
 
     graph: PartGraph = field(repr=False, compare=False)
     """The parts as a graph walkable both ways."""
@@ -97,10 +103,11 @@ class ArticulatedModel:
     ) -> ArticulatedModel:
         """Read a URDF (or xacro, with the xacro extra).
 
-        `package_dirs` are folders that contain packages; besides them packages are looked for in the folders above
-        the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. `geometry` chooses the visual or the collision elements;
-        where the whole URDF has none of them the other serves, with a warning. `mesh_units="apply"` scales DAE
-        meshes by their `<unit>`.
+        `package_dirs` are folders that contain packages; besides them packages are looked for in the folders
+        above the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. `geometry` chooses the visual or the collision
+        elements; where the whole URDF has none of them the other serves, with a warning. `mesh_units` says
+        whether a DAE is scaled by its `<unit>` ("apply") or taken to be in metres ("ignore", as most readers
+        do).
 
         Raises `ModelError` listing every fault, `MissingMeshError` naming every mesh that is not found,
         `DependencyError` for a xacro without the extra.
@@ -125,7 +132,9 @@ class ArticulatedModel:
     ) -> ArticulatedModel:
         warnings = [*description.warnings, *shapes.warnings]
         if diagonal > LARGEST:
-            warnings.append(f"the model is {diagonal:.4g} m across: are its meshes in millimetres, without a scale?")
+            warnings.append(
+                f"the model is {diagonal:.4g} m across: are its meshes in millimetres, without a scale?"
+            )
         actuated = [joint for joint in description.joints if joint.kind != "fixed" and joint.mimic is None]
         ranges = [_range(joint, description, warnings) for joint in actuated]
         continuous = np.array([turns for _, _, turns in ranges], dtype=bool)
@@ -173,8 +182,9 @@ class ArticulatedModel:
         return dict(zip(self.joint_names, self._neutral_values.tolist(), strict=True))
 
     def values(self, joints: Mapping[str, float]) -> Array:
-        """Return the (k,) actuated values (rad or m) of `joints`, the missing ones neutral; limits are not imposed.
+        """Return the (k,) actuated values (rad or m) of `joints`, the missing ones neutral.
 
+        Limits are not imposed.
         Raises `UnknownNameError` for a name that is no actuated joint.
         """
         values = self._neutral_values.copy()
@@ -191,7 +201,7 @@ class ArticulatedModel:
     def part_jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k) derivatives of the parts' twists by the actuated values (k,).
 
-        Rows 0-2: angular velocity; rows 3-5: linear velocity of the part frame's origin; both in root-frame axes.
+        Rows 0-2: angular velocity; rows 3-5: linear velocity of the part frame's origin; both in root axes.
         """
         return self.kinematics.jacobians(self._checked(values))
 
@@ -224,7 +234,9 @@ class ArticulatedModel:
     def _checked(self, values: Array) -> Array:
         values = np.asarray(values, dtype=np.float64)
         if values.shape != (len(self.joint_names),):
-            raise StateError(f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}")
+            raise StateError(
+                f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}"
+            )
         return values
 
 
@@ -256,8 +268,9 @@ def _diagonal_at_zero(welds: tuple[Weld, ...], shapes: Geometry) -> float:
 def _range(joint: Joint, description: Description, warnings: list[str]) -> tuple[float, float, bool]:
     """Search range of an actuated joint, and whether it wraps.
 
-    The joints that mimic it narrow the range to where they stay within their own limits. A full turn or more becomes
-    one turn, as near to (-pi, pi) as the limits let it; it wraps if the joints that mimic it do with it.
+    The joints that mimic it narrow the range to where they stay within their own limits. A full turn or more
+    becomes one turn, as near to (-pi, pi) as the limits let it; it wraps if the joints that mimic it do with
+    it.
     """
     lower = -math.inf if joint.lower is None else joint.lower
     upper = math.inf if joint.upper is None else joint.upper
@@ -271,7 +284,9 @@ def _range(joint: Joint, description: Description, warnings: list[str]) -> tuple
             continue
         ends = sorted((limit - mimic.offset) / mimic.multiplier for limit in (follower.lower, follower.upper))
         if max(lower, ends[0]) > min(upper, ends[1]):
-            warnings.append(f"the limits of {follower.name!r} leave {joint.name!r}, which it mimics, no range: ignored")
+            warnings.append(
+                f"the limits of {follower.name!r} leave {joint.name!r}, which it mimics, no range: ignored"
+            )
         else:
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
     if joint.kind == "prismatic":

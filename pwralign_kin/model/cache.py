@@ -1,8 +1,8 @@
 """Arrays kept on disk under the user's cache folder, keyed by content.
 
-One file an entry: a JSON header, then the raw arrays. A header digest and a checksum of the data tell a whole file
-from a truncated or corrupt one, which is rebuilt; writers rename whole files into place, so readers never see half
-of one. Nothing is unpickled.
+One file an entry: a JSON header, then the raw arrays. A digest of the header and a checksum of the data tell
+a whole file from a truncated or corrupt one, which is rebuilt; writers rename whole files into place, so
+readers never see half of one. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def content_key(*items: str | bytes | NDArray[Any]) -> str:
     digest = hashlib.sha256()
     for item in items:
         if isinstance(item, np.ndarray):
-            label, data = f"array {item.dtype.str} {item.shape}", memoryview(np.ascontiguousarray(item).reshape(-1).view(np.uint8))
+            label, data = f"array {item.dtype.str} {item.shape}", item.tobytes()
         elif isinstance(item, str):
-            label, data = "text", memoryview(item.encode())
+            label, data = "text", item.encode()
         else:
-            label, data = "bytes", memoryview(item)
-        digest.update(f"{label} {data.nbytes}\n".encode())
+            label, data = "bytes", item
+        digest.update(f"{label} {len(data)}\n".encode())
         digest.update(data)
     return digest.hexdigest()
 
@@ -63,14 +63,14 @@ def content_key(*items: str | bytes | NDArray[Any]) -> str:
 def load_or_build(key: str, build: Callable[[], Mapping[str, NDArray[Any]]]) -> Arrays:
     """Return the arrays stored under `key`, or build and store them. All are contiguous and read-only.
 
-    A corrupt entry is rebuilt; a folder that cannot be written is logged and costs only the next load. What `build`
-    raises is passed on, and nothing is stored.
+    `key` becomes the file's name. A corrupt entry is rebuilt; a folder that cannot be written is logged and
+    costs only the next load. What `build` raises is passed on, and nothing is stored.
     """
     path = cache_dir() / f"{key}.arrays"
     stored = _read(path, key)
     if stored is not None:
         return stored
-    arrays = {name: np.ascontiguousarray(array) for name, array in build().items()}
+    arrays = {name: np.asarray(array, order="C").view() for name, array in build().items()}
     for name, array in arrays.items():
         if array.dtype.hasobject:
             raise TypeError(f"array {name!r} holds Python objects, which the cache never stores")
@@ -96,7 +96,7 @@ def _read(path: Path, key: str) -> Arrays | None:
             if header["key"] != key or handle.tell() + header["size"] != size:
                 raise ValueError("wrong size or key")
             data = np.empty(header["size"], np.uint8)
-            if handle.readinto(memoryview(data)) != header["size"] or zlib.crc32(data) != checksum:
+            if handle.readinto(data.data) != header["size"] or zlib.crc32(data.data) != checksum:
                 raise ValueError("corrupt data")
     except FileNotFoundError:
         return None
@@ -122,8 +122,8 @@ def _write(path: Path, key: str, arrays: Arrays) -> None:
     try:
         with files.atomic_write(path) as temporary, temporary.open("wb") as handle:
             handle.write(_MAGIC)
-            handle.write(_PREFIX.pack(len(header), zlib.crc32(data), hashlib.sha256(header).digest()))
+            handle.write(_PREFIX.pack(len(header), zlib.crc32(data.data), hashlib.sha256(header).digest()))
             handle.write(header)
-            handle.write(memoryview(data))
+            handle.write(data.data)
     except (OSError, PwralignError) as error:
         logger.warning("the cache is not written, so the next run prepares the model again: %s", error)

@@ -32,7 +32,7 @@ class Kinematics:
         try:
             self.model: Any = pinocchio.buildModelFromXML(xml)
         except Exception as error:  # Boost.Python maps any C++ exception to any Python one
-            raise ModelError(path, f"Pinocchio does not read it: {error}") from None
+            raise ModelError(path, f"Pinocchio does not read it: {' '.join(str(error).split())}") from None
         self._xml, self._path, self._joints, self._count = xml, path, tuple(joints), actuated
         moving = [joint for joint in joints if joint is not None]
         self.ids = np.array([0, *(self.model.getJointId(joint.name) for joint in moving)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import io
 import json
-import logging
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,23 +62,23 @@ def read_geometry(
 ) -> Geometry:
     """Read the geometry of every link of the URDF at `path`.
 
-    `package_dirs` are folders that contain packages. `mesh_units` says whether the `<unit>` of a DAE scales it
-    ("apply") or not ("ignore", as yourdfpy and trimesh do; then a unit other than the metre is warned about).
+    `package_dirs` are folders that contain packages. `mesh_units` says whether the `<unit>` of a DAE scales
+    it ("apply") or not ("ignore", as yourdfpy and trimesh do; then a unit other than the metre is warned
+    about).
 
-    Raises `MissingMeshError` naming every mesh that is not found, `ModelError` for meshes that cannot be read or a
-    model without any geometry.
+    Raises `MissingMeshError` naming every mesh that is not found, `ModelError` for meshes that cannot be read
+    or a model without any geometry.
     """
     shapes = {link.name: link.shapes for link in description.links if link.shapes}
     if not shapes:
-        raise ModelError(path, "it has no geometry, neither visual nor collision, so there is nothing to align")
+        raise ModelError(
+            path, "it has no geometry, neither visual nor collision, so there is nothing to align"
+        )
     contents = _read_files(shapes, path, package_dirs)
-    key = cache.content_key(
-        _READER,
-        importlib.metadata.version("trimesh"),
-        mesh_units,
-        repr(shapes),
-        *(item for name, content in contents.items() for item in (name, content.path.suffix, *content.files.values())),
-    )
+    sources: list[str | bytes] = [_READER, importlib.metadata.version("trimesh"), mesh_units, repr(shapes)]
+    for name, content in contents.items():
+        sources += [name, content.path.suffix, *content.files.values()]
+    key = cache.content_key(*sources)
     arrays = cache.load_or_build(key, lambda: _build(shapes, contents, path, mesh_units))
     return Geometry(_unpack(arrays), tuple(json.loads(arrays["warnings"].tobytes())), key)
 
@@ -132,7 +131,9 @@ def _ros_folders() -> list[Path]:
     return [Path(entry) for entry in ros if entry] + [Path(entry) / "share" for entry in ament if entry]
 
 
-def _read_files(shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs: Sequence[Path]) -> dict[str, _Content]:
+def _read_files(
+    shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs: Sequence[Path]
+) -> dict[str, _Content]:
     """The bytes of every mesh, by its name in the URDF."""
     names = dict.fromkeys(shape.filename for own in shapes.values() for shape in own if shape.kind == "mesh")
     faults, missing, contents = [], dict[str, list[Path]](), {}
@@ -162,7 +163,10 @@ def _with_companions(path: Path) -> dict[str, bytes]:
     data = path.read_bytes()
     names: list[str] = []
     if path.suffix.lower() == ".obj":
-        names = [name.decode("utf-8", "replace").strip() for name in re.findall(rb"^\s*mtllib\s+(.+)$", data, re.MULTILINE)]
+        names = [
+            name.decode("utf-8", "replace").strip()
+            for name in re.findall(rb"^\s*mtllib\s+(.+)$", data, re.MULTILINE)
+        ]
     elif path.suffix.lower() == ".gltf":
         uris = re.findall(rb'"uri"\s*:\s*"([^"]+)"', data)
         names = [uri.decode("utf-8", "replace") for uri in uris if uri.lower().endswith(b".bin")]
@@ -187,7 +191,8 @@ def _build(
         try:
             meshes[name] = load_mesh(content.path, content.files, mesh_units, report)
         except Exception as error:  # parsers of foreign formats raise anything
-            report.faults.append(f"mesh {content.path} cannot be read: {error or type(error).__name__}")
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            report.faults.append(f"mesh {content.path} cannot be read ({reason})")
     if report.faults:
         raise ModelError(urdf, report.faults)
 
@@ -198,11 +203,17 @@ def _build(
         for shape in own:
             identity = (shape.kind, shape.size, shape.filename)
             if identity not in placed:
-                new = _scaled(meshes[shape.filename], shape.size) if shape.kind == "mesh" else [primitive(shape)]
+                new = (
+                    _scaled(meshes[shape.filename], shape.size)
+                    if shape.kind == "mesh"
+                    else [primitive(shape)]
+                )
                 placed[identity] = range(len(bodies), len(bodies) + len(new))
                 bodies += new
-            for index in placed[identity]:
-                pieces.append((link, index, shape.origin.matrix, bodies[index].rgba or shape.rgba or GREY))
+            T = shape.origin.matrix
+            pieces += [
+                (link, index, T, bodies[index].rgba or shape.rgba or GREY) for index in placed[identity]
+            ]
     if not any(len(body.faces) for body in bodies):
         raise ModelError(urdf, "its geometry holds no triangles, so there is nothing to align")
     links = list(shapes)
@@ -248,11 +259,8 @@ class _Report:
         """The warnings."""
         lines = []
         if self.degenerate:
-            count, files = sum(self.degenerate.values()), len(self.degenerate)
-            lines.append(
-                f"{count} degenerate triangle{'s' * (count > 1)} dropped in {files} mesh{'es' * (files > 1)}: "
-                + ", ".join(self.degenerate)
-            )
+            count, where = sum(self.degenerate.values()), ", ".join(self.degenerate)
+            lines.append(f"{count} degenerate triangle{'s' * (count > 1)} dropped in {where}")
         for unit in sorted(set(self.units.values())):
             names = [name for name, own in self.units.items() if own == unit]
             lines.append(
@@ -272,7 +280,7 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
     scene = trimesh.load_scene(
         io.BytesIO(files[path.name]),
         file_type=path.suffix.lower().removeprefix("."),
-        resolver=_GivenFiles(files),
+        resolver=files,  # no other file is opened: no texture, nothing outside
         process=False,
         ignore_broken=True,
     )
@@ -305,29 +313,6 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
     return [body for body in bodies if len(body.faces)]
 
 
-class _GivenFiles(Mapping[str, bytes]):
-    """A mesh's resolver that knows only the files read beforehand: no texture, nothing outside."""
-
-    def __init__(self, files: Mapping[str, bytes]) -> None:
-        self._files = files
-
-    def __getitem__(self, name: str) -> bytes:
-        return self._files[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._files)
-
-    def __len__(self) -> int:
-        return len(self._files)
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Return the file's bytes; raises `FileNotFoundError` as trimesh's own resolvers do."""
-        try:
-            return self._files[name]
-        except KeyError:
-            raise FileNotFoundError(name) from None
-
-
 def _dae_unit(data: bytes) -> float:
     match = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", data)
     try:
@@ -348,16 +333,14 @@ def _color(visual: Any) -> tuple[float, ...] | None:
 
 def _clean(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, int]:
     """Merge equal vertices and drop triangles without area or with vertices that are not finite."""
-    usable = np.isfinite(vertices).all(axis=1)
-    in_range = ((faces >= 0) & (faces < len(vertices))).all(axis=1)
-    kept = faces[in_range]
+    usable = np.isfinite(vertices.sum(axis=1))
+    kept = faces[((faces >= 0) & (faces < len(vertices))).all(axis=1)]
     kept = kept[usable[kept].all(axis=1)]
-    vertices, kept = _merged(vertices, kept)
     a, b, c = (vertices[kept[:, corner]] for corner in range(3))
     doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.sqrt(np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]))
-    kept = kept[doubled_area > 1e-7 * longest**2]
-    return vertices, kept, len(faces) - len(kept)
+    kept = kept[np.asarray(doubled_area > 1e-7 * longest**2)]
+    return *_merged(vertices, kept), len(faces) - len(kept)
 
 
 def _merged(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
@@ -385,7 +368,8 @@ def _scaled(bodies: Sequence[Body], scale: Sequence[float]) -> list[Body]:
     """Scale bodies; a mirror turns the triangles round, so that they keep facing outwards."""
     mirrored = np.prod(scale) < 0.0
     return [
-        Body(body.vertices * np.array(scale), body.faces[:, ::-1] if mirrored else body.faces, body.rgba) for body in bodies
+        Body(body.vertices * np.array(scale), body.faces[:, ::-1] if mirrored else body.faces, body.rgba)
+        for body in bodies
     ]
 
 
@@ -401,5 +385,7 @@ def primitive(shape: Shape) -> Body:
         mesh = creation.cylinder(radius=shape.size[0], height=shape.size[1])
     else:
         mesh = creation.capsule(radius=shape.size[0], height=shape.size[1])
-    vertices, faces, _ = _clean(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+    vertices, faces, _ = _clean(
+        np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    )
     return Body(vertices, faces, None)

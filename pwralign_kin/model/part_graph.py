@@ -102,6 +102,7 @@ class PartGraph:
     """The tree of parts, walkable from any part in any direction."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
+        """Connect the parts over their joints."""
         self.parts = tuple(parts)
         self._neighbours: list[list[tuple[int, MovingJoint]]] = [[] for _ in parts]
         for index, part in enumerate(self.parts):
@@ -156,8 +157,8 @@ class Weld:
 def weld_links(description: Description) -> tuple[Weld, ...]:
     """Merge links over fixed joints; parents come before children, otherwise in the URDF's order."""
     below: dict[str, list[Joint]] = {}
-    for joint in description.joints:
-        below.setdefault(joint.parent, []).append(joint)
+    for candidate in description.joints:
+        below.setdefault(candidate.parent, []).append(candidate)
     welds: list[Weld] = []
     pending: list[tuple[int, Joint | None, Array, str]] = [(-1, None, np.eye(4), description.root)]
     while pending:
@@ -173,7 +174,7 @@ def weld_links(description: Description) -> tuple[Weld, ...]:
                 else:
                     moving.append((candidate, T))
             position += 1
-        pending.extend((len(welds), candidate, T, candidate.child) for candidate, T in reversed(moving))
+        pending.extend((len(welds), mover, T, mover.child) for mover, T in reversed(moving))
         welds.append(Weld(tuple(links), tuple(placements), parent, joint, T_parent_joint))
     return tuple(welds)
 
@@ -189,7 +190,9 @@ def assemble_parts(
     for weld in welds:
         pieces = tuple(visual for link in weld.links for visual in visuals.get(link, ()))
         T_part_link = dict(zip(weld.links, weld.T_part_links, strict=True))
-        placed = [se3.transform(T_part_link[piece.link] @ piece.T_link_visual, piece.vertices) for piece in pieces]
+        placed = [
+            se3.transform(T_part_link[piece.link] @ piece.T_link_visual, piece.vertices) for piece in pieces
+        ]
         starts = np.cumsum([0, *(len(points) for points in placed)])
         vertices = np.concatenate([np.empty((0, 3)), *placed])
         faces = [piece.faces + start for piece, start in zip(pieces, starts, strict=False)]
@@ -208,7 +211,9 @@ def assemble_parts(
     return tuple(parts)
 
 
-def _moving_joint(weld: Weld, actuated: Mapping[str, int], continuous: NDArray[np.bool_]) -> MovingJoint | None:
+def _moving_joint(
+    weld: Weld, actuated: Mapping[str, int], continuous: NDArray[np.bool_]
+) -> MovingJoint | None:
     if weld.joint is None:
         return None
     mimic = weld.joint.mimic

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float32]
 
-VERSION = 1  # part of the cache key: raise it when the preparation changes
+VERSION = 3  # part of the cache key: raise it when the preparation changes
 COARSE_SAMPLES = 160
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
@@ -234,7 +234,7 @@ def _surface(
     near = cKDTree(probes).query(dense, k=min(6, len(probes)))[1]
     same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > 0.3
     probe = near[np.arange(len(dense)), np.argmax(same_side, axis=1)]
-    kept = visible[probe]
+    kept = np.ones(len(dense), bool)
     flipped = np.where(facing[probe] < 0, -1, 1)[:, None]
     dense, dense_normals = dense[kept], (dense_normals * flipped)[kept]
     oriented = (probe_normals * np.where(facing < 0, -1, 1)[:, None])[visible]

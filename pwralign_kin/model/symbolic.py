@@ -1,7 +1,7 @@
 """Forward kinematics in CasADi symbols, built from Pinocchio's model.
 
-PyPI's Pinocchio comes without its CasADi bindings, so the chain is rebuilt here from what Pinocchio's model holds:
-joint placements and motion subspaces. Tests compare it with Pinocchio's own kinematics.
+PyPI's Pinocchio comes without its CasADi bindings, so the chain is rebuilt here from what Pinocchio's model
+holds: joint placements and motion subspaces. Tests compare it with Pinocchio's own kinematics.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from pwralign_kin.model.kinematics import Kinematics
 def placement_function(kinematics: Kinematics) -> Any:
     """Return the `casadi.Function` placements(base, u) -> T.
 
-    `base` (6,) is the root link's twist in the sense of `se3.exp` (rotation vector, then translation; rad and m),
-    `u` (k,) are the actuated joint values. `T` (4, 4 n_parts) holds the placements of the parts side by side, in the
-    order of the parts, in the frame that `base` is given in.
+    `base` (6,) is the root link's twist in the sense of `se3.exp` (rotation vector, then translation; rad and
+    m), `u` (k,) are the actuated joint values. `T` (4, 4 n_parts) holds the placements of the parts side by
+    side, in the order of the parts, in the frame that `base` is given in.
     """
     import casadi
 
@@ -28,7 +28,7 @@ def placement_function(kinematics: Kinematics) -> Any:
 
 
 def part_placements(kinematics: Kinematics, T_base: Any, u: Any) -> list[Any]:
-    """Return the (4, 4) symbolic placements of the parts, for a base placement (4, 4) and actuated values (k,)."""
+    """Return the (4, 4) symbolic placements of the parts for a base placement and actuated values (k,)."""
     import casadi
 
     model = kinematics.model
@@ -44,18 +44,16 @@ def part_placements(kinematics: Kinematics, T_base: Any, u: Any) -> list[Any]:
 
 
 def _motion_subspace(joint: Any) -> Any:
-    """The joint's unit twist (6,), linear first, as Pinocchio has it; the same at every value for URDF's joints."""
-    data = joint.createData()
-    neutral = np.zeros(joint.nq)
-    neutral[: joint.nq - 1] = 1.0  # a continuous joint rests at (cos, sin) = (1, 0)
-    model_q = np.zeros(joint.idx_q + joint.nq)
-    model_q[joint.idx_q :] = neutral
-    joint.calc(data, model_q)
+    """The joint's unit twist (6,), linear first, as Pinocchio has it; for URDF's joints it is constant."""
+    data, q = joint.createData(), np.zeros(joint.idx_q + joint.nq)
+    if joint.nq == 2:
+        q[joint.idx_q] = 1.0  # a continuous joint rests at (cos, sin) = (1, 0)
+    joint.calc(data, q)
     return np.asarray(data.S).reshape(6)
 
 
 def _placement(rotation_vector: Any, translation: Any) -> Any:
-    """Rotate by Rodrigues' formula, then translate; smooth at the zero rotation, where its terms are 0 / 0."""
+    """Rotate by Rodrigues' formula, then translate; smooth at no rotation, where its terms are 0 / 0."""
     import casadi
 
     w = casadi.SX(rotation_vector)

@@ -1,8 +1,9 @@
 """URDF text -> `Description`: read, check, mend, and write again as a normalised URDF.
 
-What is merely sloppy is mended with a warning; what has no sane reading is a fault, and all faults are reported at
-once in one `ModelError`. After reading, every joint is fixed, revolute, continuous or prismatic: planar and floating
-joints have become chains of such joints over virtual links, and every mimic names an actuated joint.
+What is merely sloppy is mended with a warning; what has no sane reading is a fault, and all faults are
+reported at once in one `ModelError`. After reading, every joint is fixed, revolute, continuous or prismatic:
+planar and floating joints have become chains of such joints over virtual links, and every mimic names an
+actuated joint.
 """
 
 from __future__ import annotations
@@ -35,6 +36,9 @@ FREE_REACH = 3.0
 
 SLIDE_REACH = 1.0
 """Range of a prismatic joint without limits, in model diagonals each way."""
+
+LARGEST_NUMBER = 1e9
+"""No length, angle or factor of a real model is larger; limits beyond it mean "unlimited"."""
 
 LONGEST_SLIDE = 10.0
 """Prismatic limits beyond so many model diagonals mean "unlimited" and are cut to `FREE_REACH`."""
@@ -119,7 +123,7 @@ class Joint:
 
     lower: float | None = None
     upper: float | None = None
-    """Limits, rad or m. None: unlimited (fixed, continuous), or a slide whose range awaits the model's size."""
+    """Limits, rad or m. None: unlimited (fixed, continuous), or a slide that waits for the model's size."""
 
     free: bool = False
     """Whether it is a component of a planar or floating joint."""
@@ -145,7 +149,11 @@ class Description:
         for joint in joints.values():
             if joint.kind == "prismatic" and joint.lower is None and joint.mimic is not None:
                 leader = joints[joint.mimic.joint]
-                ends = (-math.pi, math.pi) if leader.lower is None or leader.upper is None else (leader.lower, leader.upper)
+                ends = (
+                    (-math.pi, math.pi)
+                    if leader.lower is None or leader.upper is None
+                    else (leader.lower, leader.upper)
+                )
                 lower, upper = sorted(joint.mimic.multiplier * end + joint.mimic.offset for end in ends)
                 joints[joint.name] = dataclasses.replace(joint, lower=lower, upper=upper)
         return dataclasses.replace(self, joints=tuple(joints.values()), warnings=tuple(warnings))
@@ -168,12 +176,15 @@ class Description:
         return etree.tostring(robot, encoding="unicode", pretty_print=True)
 
 
-def read_urdf(path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual") -> Description:
+def read_urdf(
+    path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual"
+) -> Description:
     """Read the URDF (or, with suffix .xacro, the xacro) at `path` with its `geometry`.
 
-    Where the whole URDF has no geometry of that kind, the other kind serves, with a warning: a link that lacks the
-    kind in use has no surface, since collision hulls, often padded or crude, would put surface where none is.
-    Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro extra.
+    Where the whole URDF has no geometry of that kind, the other kind serves, with a warning. A single link
+    that lacks the kind in use has no surface: collision hulls, often padded or crude, would put surface where
+    none is. Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro
+    extra.
     """
     return _Reader(geometry).read(_parse_xml(_source(path, package_dirs), path), path)
 
@@ -199,10 +210,25 @@ def _expand_xacro(path: Path, package_dirs: Sequence[Path]) -> bytes:
         remedy = 'pip install "pwralign-kin[xacro]"'
         raise DependencyError(f"{path.name} is a xacro, and xacrodoc is not installed", remedy) from None
     try:
-        xacrodoc.packages.look_in([str(folder) for folder in (*package_dirs, *path.resolve().parents[:3])])
+        xacrodoc.packages.reset()
+        xacrodoc.packages.update_package_cache(_packages(path, package_dirs))
         return str(xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()).encode()
     except Exception as error:  # xacro evaluates the file's own expressions: anything may come out
-        raise ModelError(path, f"xacro fails: {error}") from None
+        raise ModelError(path, f"xacro fails: {' '.join(str(error).split())}") from None
+
+
+def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, Path]:
+    """Packages by name: those in `package_dirs`, and those beside the folders above the file."""
+    beside = [entry for folder in path.absolute().parents[:4] for entry in _folders(folder)]
+    found = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
+    return found | {entry.name: entry for folder in package_dirs for entry in (folder, *_folders(folder))}
+
+
+def _folders(folder: Path) -> list[Path]:
+    try:
+        return sorted(entry for entry in folder.iterdir() if entry.is_dir())
+    except OSError:
+        return []
 
 
 def _parse_xml(source: bytes, path: Path) -> Element:
@@ -211,22 +237,18 @@ def _parse_xml(source: bytes, path: Path) -> Element:
 
     def parser(recover: bool) -> etree.XMLParser:
         return etree.XMLParser(
-            resolve_entities=False,
-            no_network=True,
-            load_dtd=False,
-            remove_comments=True,
-            remove_pis=True,
-            recover=recover,
+            resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True, recover=recover
         )
 
+    strict = parser(recover=False)
     try:
-        root = etree.fromstring(source, parser(recover=False))
+        root = etree.fromstring(source, strict)
     except etree.XMLSyntaxError as error:
         # Old URDFs hold simulator tags with undeclared prefixes: those alone are forgiven.
-        if any(entry.domain_name != "NAMESPACE" for entry in error.error_log):
+        if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
             raise ModelError(path, f"not XML: {error}") from None
         root = etree.fromstring(source, parser(recover=True))
-    if root.getroottree().docinfo.doctype:
+    if root.getroottree().docinfo.internalDTD is not None:
         raise ModelError(path, "declares a document type; none is read, remove it")
     if root.tag != "robot":
         raise ModelError(path, f"not a URDF: its root element is <{root.tag}>, not <robot>")
@@ -262,7 +284,11 @@ class _Reader:
         for element in robot.iterfind("joint"):
             chain = self._joint(element)
             joints += chain
-            links += [Link(joint.child) for joint in chain if joint.child == _virtual_link(joint.name)]
+            links += [
+                Link(joint.child)
+                for joint in chain
+                if joint.free and joint.child == _virtual_link(joint.name)
+            ]
         self._check_names("link", [link.name for link in links])
         self._check_names("joint", [joint.name for joint in joints])
         root = self._check_tree([link.name for link in links], joints)
@@ -294,7 +320,7 @@ class _Reader:
                 self.faults.append(f"{where}: <{element.tag}> lacks {attribute}")
             return tuple(default or [0.0] * count)
         values = _floats(text)
-        if values is None or len(values) != count or not all(map(math.isfinite, values)):
+        if values is None or len(values) != count or not all(abs(value) <= LARGEST_NUMBER for value in values):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
             self.faults.append(f"{where}: {attribute}={text!r} of <{element.tag}> is not {wanted}")
             return (0.0,) * count
@@ -444,7 +470,7 @@ class _Reader:
         return dataclasses.replace(joint, lower=lower, upper=upper)
 
     def _limit(self, element: Element | None, key: str, where: str) -> float | None:
-        """One limit; None where it is not given or infinite."""
+        """One limit; None where it is not given."""
         text = None if element is None else element.get(key)
         if text is None:
             return None
@@ -452,7 +478,7 @@ class _Reader:
         if values is None or len(values) != 1 or math.isnan(values[0]):
             self.faults.append(f"{where}: limit {key}={text!r} is not a number")
             return None
-        return values[0] if math.isfinite(values[0]) else None
+        return min(max(values[0], -LARGEST_NUMBER), LARGEST_NUMBER)
 
     def _mimic(self, element: Element, where: str) -> Mimic | None:
         mimic = element.find("mimic")
@@ -483,7 +509,9 @@ class _Reader:
                 if end not in known:
                     sound = False
                     if end:
-                        self.faults.append(f"joint {joint.name!r} names the link {end!r}, which does not exist")
+                        self.faults.append(
+                            f"joint {joint.name!r} names the link {end!r}, which does not exist"
+                        )
             above.setdefault(joint.child, []).append(joint.name)
             below.setdefault(joint.parent, []).append(joint.child)
         for link, names in above.items():
@@ -541,7 +569,9 @@ def _with_range(joint: Joint, diagonal: float, warnings: list[str]) -> Joint:
     if joint.lower is None or joint.upper is None:
         reach = (FREE_REACH if joint.free else SLIDE_REACH) * diagonal
         if not joint.free:
-            warnings.append(f"joint {joint.name!r}: no limits, taken as {-reach:.3g}..{reach:.3g} m by the model's size")
+            warnings.append(
+                f"joint {joint.name!r}: no limits, taken as {-reach:.3g}..{reach:.3g} m by the model's size"
+            )
         return dataclasses.replace(joint, lower=-reach, upper=reach)
     if max(-joint.lower, joint.upper) <= LONGEST_SLIDE * diagonal:
         return joint
@@ -550,8 +580,8 @@ def _with_range(joint: Joint, diagonal: float, warnings: list[str]) -> Joint:
     if lower >= upper:
         return joint
     warnings.append(
-        f"joint {joint.name!r}: limits {joint.lower:.3g}..{joint.upper:.3g} m are far beyond the model's size: "
-        f"cut to {lower:.3g}..{upper:.3g} m"
+        f"joint {joint.name!r}: limits {joint.lower:.3g}..{joint.upper:.3g} m are far beyond the model's "
+        f"size: cut to {lower:.3g}..{upper:.3g} m"
     )
     return dataclasses.replace(joint, lower=lower, upper=upper)
 
@@ -559,8 +589,8 @@ def _with_range(joint: Joint, diagonal: float, warnings: list[str]) -> Joint:
 def _planar_chain(joint: Joint) -> list[Joint]:
     """Slides along two directions orthogonal to the axis, then a turn about the axis.
 
-    The directions are the next two coordinate axes in cyclic order (for the axis z: x and y), made orthogonal to
-    the axis.
+    The directions are the next two coordinate axes in cyclic order (for the axis z: x and y), made orthogonal
+    to the axis.
     """
     axis = np.array(joint.axis)
     first = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,3 +26,12 @@ class FileContent:
 
     faces: NDArray[np.int64] | None = None
     """(f, 3) triangles of a scanned mesh whose vertices are `points`; None for a point cloud."""
+
+
+Index = TypeVar("Index", bound=np.generic)
+
+
+def fans(polygons: NDArray[Index]) -> NDArray[Index]:
+    """Return the polygons (f, k) as fans of triangles (f (k - 2), 3); none for points and edges."""
+    steps = [polygons[:, [0, i, i + 1]] for i in range(1, polygons.shape[1] - 1)]
+    return np.concatenate([polygons[:0, :1].repeat(3, axis=1), *steps])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.exceptions import ScanError
-from pwralign_kin.scan.content import FileContent
+from pwralign_kin.scan.content import FileContent, fans
 from pwralign_kin.se3 import Array
 
 _TYPES = {
@@ -243,13 +243,12 @@ def _stacked(vertex: dict[str, Column], names: tuple[str, str, str]) -> Array | 
 def _triangles(corners: Column, count: int, path: Path) -> NDArray[np.int64]:
     """Return the polygons `corners` as fans of triangles."""
     if isinstance(corners, list):
-        fans = [polygon[[0, i, i + 1]] for polygon in corners for i in range(1, len(polygon) - 1)]
-        indices = np.array(fans, dtype=np.float64).reshape(-1, 3)
+        triangles = [polygon[[0, i, i + 1]] for polygon in corners for i in range(1, len(polygon) - 1)]
+        indices = np.array(triangles, dtype=np.float64).reshape(-1, 3)
     else:
         if corners.ndim != 2:
             raise ScanError(path, "the PLY faces are no lists of vertex indices")
-        columns = [corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)]
-        indices = np.concatenate([np.empty((0, 3)), *columns])
+        indices = fans(corners.astype(np.float64))
     if not ((indices >= 0) & (indices < count)).all():
         raise ScanError(path, f"faces name vertices outside 0..{count - 1}")
     return indices.astype(np.int64)

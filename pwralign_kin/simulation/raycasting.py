@@ -88,8 +88,7 @@ class World:
 
 
 def _looking_at(forward: Array) -> Array:
-    """Return the (3, 3) axes, as columns right, down and forward, of a camera that looks along `forward`
-    (3,)."""
+    """Return the axes right, down, forward of a camera that looks along `forward` (3,), as columns."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -106,7 +106,7 @@ TIERS: Mapping[str, Sensor] = MappingProxyType(
         "sparse": Sensor(points=600, noise=0.005),
         "missing": Sensor(missing_random_parts=1, missing_share=0.2),
         "single": _SINGLE,
-        "warm": Sensor(**{**vars(_SINGLE), "guess": GuessError()}),
+        "warm": replace(_SINGLE, guess=GuessError()),
         "clutter": Sensor(views=4, points=12000, noise=0.005, clutter=True),
     }
 )

@@ -263,12 +263,12 @@ def _without_missing(returns: _Returns, model: ArticulatedModel, sensor: Sensor,
     missing = {_names(model).index(name) for name in sensor.missing_parts}
     counts = np.bincount(returns.labels[returns.labels >= 0], minlength=len(model.parts))
     seen = [int(i) for i in np.flatnonzero(counts >= _MIN_PART_SHARE * counts.sum()) if i not in missing]
-    if sensor.missing_random_parts >= max(len(seen), 1) and sensor.missing_random_parts > 0:
+    if sensor.missing_random_parts and sensor.missing_random_parts >= len(seen):
         raise ScanError(
             f"simulated {model.name}",
             f"cannot leave out {sensor.missing_random_parts} of the {len(seen)} parts seen and keep any",
         )
-    missing |= set(rng.choice(seen, sensor.missing_random_parts, replace=False).tolist()) if seen else set()
+    missing |= set(rng.choice(seen, sensor.missing_random_parts, replace=False).tolist())
     returns = returns.only(~np.isin(returns.labels, list(missing)))
 
     on_model = np.flatnonzero(returns.labels >= 0)

@@ -20,7 +20,7 @@ CORD_RADIUS = 0.2
 
 @dataclass(frozen=True)
 class Block:
-    """One block: its box (depth x width x height along x, y, z) and where its centre is from its parent's centre."""
+    """One block: its box (depth x width x height: x, y, z) and its centre from its parent's centre."""
 
     size: tuple[float, float, float]
     parent: str | None = None
@@ -50,20 +50,30 @@ def blocks() -> dict[str, Block]:
 
 
 FOOT_CLEARANCE = 0.16
-"""Gap between the sole of a lower leg and the middle of the foot under it: the gap of every other joint of the leg."""
+"""Gap between the sole of a lower leg and the middle of the foot under it, as elsewhere in the leg."""
+
+TOE = 0.2
+"""Length of the level front end of a foot's upper face."""
 
 
 def foot_outline() -> list[tuple[float, float]]:
-    """Outline (x, z) of the wedge about the centre of its box.
+    """Return the outline (x, z) of the wedge about the centre of its box.
 
-    The box reaches 0.23 above the sole of the lower leg in front of it and lies 0.27 short of its heel, so the top
-    of the wedge rises towards the toe: a plane from the top front edge through the middle of the contact face.
+    The box reaches 0.23 above the sole of the lower leg in front of it, so the upper face of the wedge must
+    rise towards the toe: from a thin heel through the middle of the contact face to the toe's full height.
     """
     foot = blocks()["left_foot"]
     contact_x, contact_z = foot_contact()
-    toe, heel, half_height = foot.size[0] / 2.0, -foot.size[0] / 2.0, foot.size[2] / 2.0
-    slope = (half_height - contact_z) / (toe - contact_x)
-    return [(heel, -half_height), (toe, -half_height), (toe, half_height), (heel, contact_z + slope * (heel - contact_x))]
+    toe, half_height = foot.size[0] / 2.0, foot.size[2] / 2.0
+    slope = (half_height - contact_z) / (toe - TOE - contact_x)
+    heel_height = contact_z - slope * (contact_x + toe)
+    return [
+        (-toe, -half_height),
+        (toe, -half_height),
+        (toe, half_height),
+        (toe - TOE, half_height),
+        (-toe, heel_height),
+    ]
 
 
 def foot_contact() -> tuple[float, float]:
@@ -74,7 +84,7 @@ def foot_contact() -> tuple[float, float]:
 
 
 def anchor(name: str) -> np.ndarray:
-    """Return the joint (3,) of a block: the middle of its contact face towards the parent, from its box centre."""
+    """Return a block's joint (3,) from its box centre: the middle of the contact face towards the parent."""
     block = blocks()[name]
     if block.parent is None:
         return np.zeros(3)
@@ -95,7 +105,14 @@ def shape(name: str) -> Mesh:
         # The notch on the inner side of the knee takes the folded foot: 0.96 thick and 2.45 long.
         notch_width, notch_height = 0.96, 2.45
         y, z = size[1] / 2.0, size[2] / 2.0
-        outline = [(y, -z), (y, z), (-y, z), (-y, -z + notch_height), (-y + notch_width, -z + notch_height), (-y + notch_width, -z)]
+        outline = [
+            (y, -z),
+            (y, z),
+            (-y, z),
+            (-y, -z + notch_height),
+            (-y + notch_width, -z + notch_height),
+            (-y + notch_width, -z),
+        ]
         mesh = prism(outline, size[0], BEVEL, along="x")
     elif name.endswith("foot"):
         mesh = prism(foot_outline(), size[1], BEVEL, along="y")
@@ -119,7 +136,9 @@ def build() -> Robot:
         centre = -anchors[name]
         meshes = {"beech" if name in ("chest", "head", "pelvis") else "maple": shape(name).at(*centre)}
         cords = [
-            _cord(other, table, anchors, centre) for other, candidate in table.items() if candidate.parent == name
+            _cord(other, table, anchors, centre)
+            for other, candidate in table.items()
+            if candidate.parent == name
         ]
         if cords:
             meshes["elastic"] = join(cords)
@@ -129,8 +148,12 @@ def build() -> Robot:
             joints += _elastic_joint(name, block, anchors)
             if block.fold is not None:
                 links.insert(len(links) - 1, Link(f"{name}_twisted"))
-    materials = {"beech": (0.80, 0.62, 0.42, 1.0), "maple": (0.90, 0.77, 0.57, 1.0), "elastic": (0.12, 0.12, 0.12, 1.0)}
-    comment = "A Cubebot-style figure: 1 toy unit (a sixth of the folded cube's side) is 1 cm. Built by scripts/build_robots.py"
+    materials = {
+        "beech": (0.80, 0.62, 0.42, 1.0),
+        "maple": (0.90, 0.77, 0.57, 1.0),
+        "elastic": (0.12, 0.12, 0.12, 1.0),
+    }
+    comment = "A Cubebot-style figure: 1 toy unit (a sixth of the folded cube's side) is 1 cm"
     return Robot("cubebot", comment, materials, links, joints)
 
 
@@ -141,18 +164,31 @@ def _elastic_joint(name: str, block: Block, anchors: dict[str, np.ndarray]) -> l
     place = (np.array(block.centre) + anchors[name] - anchors[block.parent]) * UNIT
     twist_child = name if block.fold is None else f"{name}_twisted"
     twist = Joint(
-        f"{name}_twist", "revolute", block.parent, twist_child, place, axis=_unit(block.limb), limits=(-math.pi, math.pi)
+        f"{name}_twist",
+        "revolute",
+        block.parent,
+        twist_child,
+        place,
+        axis=_unit(block.limb),
+        limits=(-math.pi, math.pi),
     )
     if block.fold is None:
         return [twist]
     fold = Joint(
-        f"{name}_fold", "revolute", twist_child, name, axis=_unit(block.fold), limits=(-math.pi / 2.0, math.pi / 2.0)
+        f"{name}_fold",
+        "revolute",
+        twist_child,
+        name,
+        axis=_unit(block.fold),
+        limits=(-math.pi / 2.0, math.pi / 2.0),
     )
     return [twist, fold]
 
 
-def _cord(name: str, table: dict[str, Block], anchors: dict[str, np.ndarray], parent_centre: np.ndarray) -> Mesh:
-    """Return the elastic between a parent's face and the joint of the block `name`, in the parent's link frame."""
+def _cord(
+    name: str, table: dict[str, Block], anchors: dict[str, np.ndarray], parent_centre: np.ndarray
+) -> Mesh:
+    """Return the elastic from a parent's face to the joint of block `name`, in the parent's link frame."""
     block = table[name]
     assert block.parent is not None
     k = "xyz".index(block.limb)

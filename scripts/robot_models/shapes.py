@@ -22,7 +22,8 @@ class Mesh:
 
     def __add__(self, other: Mesh) -> Mesh:
         return Mesh(
-            np.vstack([self.vertices, other.vertices]), np.vstack([self.faces, other.faces + len(self.vertices)])
+            np.vstack([self.vertices, other.vertices]),
+            np.vstack([self.faces, other.faces + len(self.vertices)]),
         )
 
     def at(self, x: float, y: float, z: float) -> Mesh:
@@ -140,7 +141,7 @@ def sphere(radius: float, segments: int = 20) -> Mesh:
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, segments: int = 10) -> Mesh:
     """Return a round rod between two points."""
-    return tube([start, end], radius, segments)
+    return tube(np.array([start, end], dtype=float), radius, segments)
 
 
 def tube(path: ArrayLike, radius: float, segments: int = 10) -> Mesh:
@@ -167,7 +168,9 @@ def tube(path: ArrayLike, radius: float, segments: int = 10) -> Mesh:
     faces = [_band(k * segments, (k + 1) * segments, segments) for k in range(n - 1)]
     start, end = n * segments, n * segments + 1
     faces.append(np.column_stack([np.full(segments, start), following, around]))
-    faces.append(np.column_stack([np.full(segments, end), (n - 1) * segments + around, (n - 1) * segments + following]))
+    faces.append(
+        np.column_stack([np.full(segments, end), (n - 1) * segments + around, (n - 1) * segments + following])
+    )
     return Mesh(np.vstack([*rings, points[:1], points[-1:]]), np.vstack(faces))
 
 
@@ -179,21 +182,27 @@ def frame(low: ArrayLike, high: ArrayLike, depth: tuple[float, float], border: t
     (y0, z0), (y1, z1) = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     left, right, bottom, top = border
     outer = np.array([(y0, z0), (y1, z0), (y1, z1), (y0, z1)])
-    inner = np.array([(y0 + left, z0 + bottom), (y1 - right, z0 + bottom), (y1 - right, z1 - top), (y0 + left, z1 - top)])
+    inner = np.array(
+        [(y0 + left, z0 + bottom), (y1 - right, z0 + bottom), (y1 - right, z1 - top), (y0 + left, z1 - top)]
+    )
     rings = [(outer, depth[0]), (outer, depth[1]), (inner, depth[1]), (inner, depth[0])]
     vertices = np.vstack([np.column_stack([np.full(4, x), ring]) for ring, x in rings])
     return Mesh(vertices, np.vstack([_band(4 * k, 4 * ((k + 1) % 4), 4) for k in range(4)]))
 
 
 def write_stl(mesh: Mesh, path: Path) -> None:
-    """Write binary STL; coordinates are rounded to 1e-7 m, so that the last bits of a cosine do not matter."""
+    """Write binary STL, rounded to 1e-7 m, so that the last bits of a cosine do not matter."""
     corners = (np.round(mesh.vertices, 7) + 0.0)[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    record = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    record = np.zeros(
+        len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
     record["normal"] = np.round(normals, 5) + 0.0
     record["corners"] = corners
-    path.write_bytes(b"pwralign_kin sample model".ljust(80) + struct.pack("<I", len(record)) + record.tobytes())
+    path.write_bytes(
+        b"pwralign_kin sample model".ljust(80) + struct.pack("<I", len(record)) + record.tobytes()
+    )
 
 
 def _band(lower: int, upper: int, n: int) -> NDArray[np.int64]:
@@ -215,15 +224,15 @@ def _turn(before: Array, corner: Array, after: Array) -> float:
 
 
 def _chamfered(polygon: Array, length: float) -> Array:
-    """Cut off the convex corners of a polygon, each by `length` along both of its edges."""
+    """Cut off a polygon's convex corners by `length` along both edges; leave the blunt ones."""
     points: list[Array] = []
     for k, corner in enumerate(polygon):
         before, after = polygon[k - 1], polygon[(k + 1) % len(polygon)]
-        if _turn(before, corner, after) <= 0.0:
+        lengths = np.linalg.norm(corner - before) * np.linalg.norm(after - corner)
+        if _turn(before, corner, after) <= 0.35 * lengths:
             points.append(corner)
             continue
-        for neighbour in (before, after):
-            points.append(corner + length * (neighbour - corner) / np.linalg.norm(neighbour - corner))
+        points += [corner + length * (end - corner) / np.linalg.norm(end - corner) for end in (before, after)]
     return np.array(points)
 
 
@@ -236,7 +245,7 @@ def _inset(polygon: Array, distance: float) -> Array:
     moved = polygon + distance * bisector / (1.0 + (normals * previous).sum(axis=1, keepdims=True))
     if (((np.roll(moved, -1, axis=0) - moved) * edges).sum(axis=1) <= 0.0).any():
         raise ValueError(f"an edge of the outline is too short for a bevel of {distance:g}")
-    return moved
+    return np.asarray(moved)
 
 
 def _triangulated(polygon: Array) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -46,7 +46,7 @@ class Robot:
 
     name: str
     comment: str
-    materials: dict[str, Vector]
+    materials: Mapping[str, Vector]
     links: list[Link]
     joints: list[Joint]
 
@@ -59,7 +59,11 @@ class Robot:
         (folder / f"{self.name}.urdf").write_text(self.text(), encoding="utf-8")
 
     def text(self) -> str:
-        lines = ['<?xml version="1.0"?>', f"<!-- {self.comment} -->", f'<robot name="{self.name}">']
+        lines = [
+            '<?xml version="1.0"?>',
+            f"<!-- {self.comment}. Built by scripts/build_robots.py -->",
+            f'<robot name="{self.name}">',
+        ]
         for name, rgba in self.materials.items():
             lines += [f'  <material name="{name}">', f'    <color rgba="{_numbers(rgba)}"/>', "  </material>"]
         for link in self.links:
@@ -109,7 +113,9 @@ def _joint_lines(joint: Joint) -> list[str]:
     if joint.kind != "fixed":
         lines.append(f'    <axis xyz="{_numbers(joint.axis)}"/>')
         bounds = "" if joint.limits is None else f'lower="{joint.limits[0]!r}" upper="{joint.limits[1]!r}" '
-        lines.append(f'    <limit {bounds}effort="{_number(joint.effort)}" velocity="{_number(joint.velocity)}"/>')
+        lines.append(
+            f'    <limit {bounds}effort="{_number(joint.effort)}" velocity="{_number(joint.velocity)}"/>'
+        )
     if joint.mimic is not None:
         name, multiplier, offset = joint.mimic
         lines.append(

@@ -45,7 +45,9 @@ def test_warnings_are_logged(write_urdf: WriteUrdf, caplog: pytest.LogCaptureFix
     path = write_urdf(chain(LIMIT), head="<robot>")
     with caplog.at_level(logging.WARNING, "pwralign_kin"):
         ArticulatedModel.from_urdf(path)
-    assert [record.getMessage() for record in caplog.records] == [f"{path}: the robot has no name: taken as 'bot'"]
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: the robot has no name: taken as 'bot'"
+    ]
 
 
 @pytest.mark.parametrize("content", ["", '<limit effort="1" velocity="1"/>', LIMIT.replace("1", "0")])
@@ -68,9 +70,16 @@ def test_endless_prismatic_limits_are_cut(read: Read) -> None:
     assert "cut" in the_warning(model)
 
 
-def test_infinite_limits_count_as_none(read: Read) -> None:
-    model = read(chain('<limit lower="-inf" upper="inf" effort="1" velocity="1"/>'))
-    assert (model.lower, model.upper) == (-math.pi, math.pi) and "no limits" in the_warning(model)
+@pytest.mark.parametrize("endless", ["inf", "1e300"])
+def test_endless_limits(read: Read, endless: str) -> None:
+    model = read(
+        chain(
+            f'<limit lower="-{endless}" upper="{endless}" effort="1" velocity="1"/>',
+            f'<limit lower="-{endless}" upper="1" effort="1" velocity="1"/>',
+        )
+    )
+    assert (model.lower[0], model.upper[0]) == (-math.pi, math.pi) and model.warnings == ()
+    assert (model.lower[1], model.upper[1]) == pytest.approx((1 - 2 * math.pi, 1))
 
 
 def test_limits_without_effort_and_velocity(read: Read) -> None:
@@ -79,7 +88,9 @@ def test_limits_without_effort_and_velocity(read: Read) -> None:
     assert "'j1', 'j2'" in the_warning(model)
 
 
-@pytest.mark.parametrize(("given", "expected"), [('upper="2"', (0, 2)), ('lower="-2"', (-2, 0)), ('upper="-2"', (-2, 0))])
+@pytest.mark.parametrize(
+    ("given", "expected"), [('upper="2"', (0, 2)), ('lower="-2"', (-2, 0)), ('upper="-2"', (-2, 0))]
+)
 def test_one_limit_alone(read: Read, given: str, expected: tuple[float, float]) -> None:
     model = read(chain(f'<limit {given} effort="1" velocity="1"/>'))
     assert (model.lower[0], model.upper[0]) == expected
@@ -141,9 +152,20 @@ def test_less_than_a_turn_stays(read: Read) -> None:
 
 
 def test_mimic_of_a_mimic_is_resolved(read: Read) -> None:
-    model = read(chain(LIMIT, LIMIT.replace("1", "9") + mimic("j1", 2, 0.1), mimic("j2", -3, 0.2), kinds=("revolute",) * 3))
+    model = read(
+        chain(
+            LIMIT,
+            LIMIT.replace("1", "9") + mimic("j1", 2, 0.1),
+            mimic("j2", -3, 0.2),
+            kinds=("revolute",) * 3,
+        )
+    )
     assert model.joint_names == ("j1",)
-    relations = [(part.joint.actuated, part.joint.multiplier, part.joint.offset) for part in model.parts[1:] if part.joint]
+    relations = [
+        (part.joint.actuated, part.joint.multiplier, part.joint.offset)
+        for part in model.parts[1:]
+        if part.joint
+    ]
     assert relations == [(0, 1, 0), (0, 2, 0.1), (0, -6, pytest.approx(-0.1))]
 
 
@@ -195,15 +217,24 @@ def test_floating_joint(read: Read) -> None:
 
 @pytest.mark.parametrize(
     ("axis", "x", "y"),
-    [("0 0 1", (1, 0, 0), (0, 1, 0)), ("1 0 0", (0, 1, 0), (0, 0, 1)), ("0 1 0", (0, 0, 1), (1, 0, 0)), ("1 1 1", None, None)],
+    [
+        ("0 0 1", (1, 0, 0), (0, 1, 0)),
+        ("1 0 0", (0, 1, 0), (0, 0, 1)),
+        ("0 1 0", (0, 0, 1), (1, 0, 0)),
+        ("1 1 1", None, None),
+    ],
 )
-def test_planar_joint(read: Read, axis: str, x: tuple[float, ...] | None, y: tuple[float, ...] | None) -> None:
+def test_planar_joint(
+    read: Read, axis: str, x: tuple[float, ...] | None, y: tuple[float, ...] | None
+) -> None:
     model = read(chain(f'<axis xyz="{axis}"/>', kinds=("planar",)))
     assert model.joint_names == ("j1.x", "j1.y", "j1.yaw")
     normal = np.array(axis.split(), float) / np.linalg.norm(np.array(axis.split(), float))
 
     def moved(**values: float) -> np.ndarray:
-        return model.link_placements(model.values({f"j1.{name}": value for name, value in values.items()}))["l1"]
+        return model.link_placements(model.values({f"j1.{name}": value for name, value in values.items()}))[
+            "l1"
+        ]
 
     along_x, along_y = moved(x=1)[:3, 3], moved(y=1)[:3, 3]
     assert np.cross(along_x, along_y) == pytest.approx(normal)
@@ -220,7 +251,13 @@ def test_planar_without_axis_says_which_plane(read: Read) -> None:
 
 
 def test_a_free_base_is_told_unobservable(read: Read) -> None:
-    model = read(link("world", "") + link("a") + link("b") + joint("free", "world", "a", "floating", "") + joint("j", "a", "b"))
+    model = read(
+        link("world", "")
+        + link("a")
+        + link("b")
+        + joint("free", "world", "a", "floating", "")
+        + joint("j", "a", "b")
+    )
     assert model.unobservable == tuple(f"free.{suffix}" for suffix in ("x", "y", "z", "roll", "pitch", "yaw"))
 
 
@@ -241,6 +278,7 @@ def faults(path: Path, **options: object) -> tuple[str, ...]:
         (chain(LIMIT + '<axis xyz="0 zero 0"/>'), ("j1", "xyz='0 zero 0'")),
         (chain(LIMIT + '<origin xyz="1 2"/>'), ("j1", "3 finite numbers")),
         (chain(LIMIT + '<origin rpy="nan 0 0"/>'), ("j1", "3 finite numbers")),
+        (chain(LIMIT + '<origin xyz="1e300 0 0"/>'), ("j1", "3 finite numbers")),
         (chain('<limit lower="low" upper="1" effort="1" velocity="1"/>'), ("j1", "lower='low'")),
         (chain("", kinds=("hinge",)), ("j1", "'hinge'", "revolute")),
         (chain(LIMIT, LIMIT + mimic("elbow")), ("j2", "'elbow'", "does not exist")),
@@ -252,10 +290,19 @@ def faults(path: Path, **options: object) -> tuple[str, ...]:
         (chain(LIMIT) + link("c") + joint("j1", "l1", "c"), ("joint 'j1'", "2 times")),
         (link("a") + link("b"), ("several roots", "'a'", "'b'")),
         (link("a") + link("b") + joint("j", "a", "b") + joint("k", "b", "a"), ("cycle", "'a', 'b'")),
-        (link("r") + link("a") + link("b") + joint("j", "a", "b") + joint("k", "b", "a"), ("cycle", "'a', 'b'")),
-        (link("a") + link("b") + link("c") + joint("j", "a", "c") + joint("k", "b", "c"), ("'c'", "'j', 'k'")),
+        (
+            link("r") + link("a") + link("b") + joint("j", "a", "b") + joint("k", "b", "a"),
+            ("cycle", "'a', 'b'"),
+        ),
+        (
+            link("a") + link("b") + link("c") + joint("j", "a", "c") + joint("k", "b", "c"),
+            ("'c'", "'j', 'k'"),
+        ),
         (link("a") + joint("j", "a", "hand"), ("joint 'j'", "'hand'", "does not exist")),
-        (link("a") + link("b") + '<joint name="j" type="fixed"><child link="b"/></joint>', ("joint 'j'", "no parent")),
+        (
+            link("a") + link("b") + '<joint name="j" type="fixed"><child link="b"/></joint>',
+            ("joint 'j'", "no parent"),
+        ),
         (link("a") + "<link/>" + joint("j", "a", ""), ("link has no name",)),
         (link("a") + link("b") + joint("", "a", "b"), ("joint has no name",)),
         ("", ("no links",)),
@@ -263,7 +310,7 @@ def faults(path: Path, **options: object) -> tuple[str, ...]:
         (link("a", "<visual><geometry><cone/></geometry></visual>"), ("'a'", "<cone>", "capsule")),
         (link("a", "<visual><geometry><sphere/></geometry></visual>"), ("'a'", "lacks radius")),
         (link("a", '<visual><geometry><sphere radius="-1"/></geometry></visual>'), ("'a'", "negative")),
-        (link("a", '<visual><geometry><mesh/></geometry></visual>'), ("'a'", "filename")),
+        (link("a", "<visual><geometry><mesh/></geometry></visual>"), ("'a'", "filename")),
         (link("a", BOX.replace("<visual>", '<visual><origin quat_xyzw="0 0 0 0"/>')), ("'a'", "quat_xyzw")),
         ('<xacro:macro xmlns:xacro="http://www.ros.org/wiki/xacro"/>', ("xacro", "suffix")),
     ],
@@ -286,7 +333,9 @@ def test_missing_file(tmp_path: Path) -> None:
     assert faults(tmp_path) == ("not a file",)
 
 
-@pytest.mark.parametrize("text", ["", "   ", "robot", "<robot", "<robot><link></robot>", '<robot name="a"/>\0', "\x89PNG\r\n"])
+@pytest.mark.parametrize(
+    "text", ["", "   ", "robot", "<robot", "<robot><link></robot>", '<robot name="a"/>\0', "\x89PNG\r\n"]
+)
 def test_not_xml(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bad.urdf"
     path.write_text(text)
@@ -301,10 +350,17 @@ def test_not_a_urdf(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "doctype",
-    ['<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/passwd">]>', '<!DOCTYPE robot SYSTEM "http://localhost/x.dtd">'],
+    [
+        '<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/passwd">]>',
+        '<!DOCTYPE robot SYSTEM "http://localhost/x.dtd">',
+    ],
 )
 def test_entities_and_dtds_are_refused(write_urdf: WriteUrdf, doctype: str) -> None:
-    found = faults(write_urdf(link("a", BOX + "&secret;" if "ENTITY" in doctype else BOX), head=f'{doctype}<robot name="x">'))
+    found = faults(
+        write_urdf(
+            link("a", BOX + "&secret;" if "ENTITY" in doctype else BOX), head=f'{doctype}<robot name="x">'
+        )
+    )
     assert "document type" in found[0]
 
 
@@ -328,8 +384,12 @@ def test_quaternion_origins(read: Read, pitch: float) -> None:
 
 def test_xacro(write_urdf: WriteUrdf) -> None:
     pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
-    body = '<xacro:property name="reach" value="${1 + 0.5}"/>' + chain('<limit lower="0" upper="${reach}" effort="1" velocity="1"/>')
-    path = write_urdf(body, "bot.urdf.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    body = '<xacro:property name="reach" value="${1 + 0.5}"/>' + chain(
+        '<limit lower="0" upper="${reach}" effort="1" velocity="1"/>'
+    )
+    path = write_urdf(
+        body, "bot.urdf.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    )
     model = ArticulatedModel.from_urdf(path)
     assert model.upper[0] == 1.5 and model.name == "bot"
     path.write_text(path.read_text().replace("1 + 0.5", "1 + nothing"))
@@ -353,14 +413,29 @@ def test_the_normalised_urdf_reads_the_same(read: Read, write_urdf: WriteUrdf) -
     assert again.normalised_urdf == model.normalised_urdf and again.content_key == model.content_key
 
 
+def test_xacro_finds_packages(write_urdf: WriteUrdf, tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    xacro = '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    for package in ("src/arm", "other/hand"):
+        write_urdf("", f"{package}/package.xml", f"<robot><name>{Path(package).name}</name>")
+    write_urdf(link("palm"), "other/hand/hand.xacro", xacro)
+    include = '<xacro:include filename="$(find hand)/hand.xacro"/>'
+    path = write_urdf(include, "src/arm/urdf/bot.xacro", xacro)
+    assert "hand" in faults(path)[0]
+    assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "other"]).root_link == "palm"
+    assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "other/hand"]).root_link == "palm"
+    (tmp_path / "other/hand").rename(tmp_path / "src/hand")
+    assert ArticulatedModel.from_urdf(path).root_link == "palm"
+
+
 def test_every_example_robot_reads(robot_folder: Path) -> None:
-    """All URDFs of the wheel, the few that are not trees excepted."""
+    """Of all URDFs of the wheel only an empty one and one that mimics unknown joints are refused."""
     paths = sorted(robot_folder.rglob("*.urdf"))
+    assert len(paths) > 50
     refused = {}
     for path in paths:
         try:
             read_urdf(path)
         except ModelError as error:
-            refused[path.name] = error.faults
-    assert len(paths) > 50
-    assert refused == {}
+            refused[path.name] = error.faults[0]
+    assert set(refused) <= {"alex_psyonic_hands.urdf", "ur3.urdf"}, refused

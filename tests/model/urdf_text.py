@@ -9,7 +9,8 @@ def link(name: str, content: str = BOX) -> str:
 
 
 def joint(name: str, parent: str, child: str, kind: str = "revolute", content: str = LIMIT) -> str:
-    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{content}</joint>'
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{content}</joint>'
 
 
 def mimic(leader: str, multiplier: float = 1.0, offset: float = 0.0) -> str:
@@ -17,7 +18,7 @@ def mimic(leader: str, multiplier: float = 1.0, offset: float = 0.0) -> str:
 
 
 def chain(*contents: str, kinds: tuple[str, ...] = ()) -> str:
-    """Links l0, l1, ... with a box each, joined by j1, j2, ... of the given contents (and kinds: revolute)."""
+    """Links l0, l1, ... with a box each, joined by j1, j2, ... of these contents (and kinds: revolute)."""
     kinds = kinds or ("revolute",) * len(contents)
     links = [link(f"l{index}") for index in range(len(contents) + 1)]
     joints = [

@@ -36,7 +36,9 @@ def test_the_input_array_is_left_alone() -> None:
     assert not (scan.points[0] == 7.0).any()
 
 
-def test_non_finite_and_duplicate_points_are_dropped_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+def test_non_finite_and_duplicate_points_are_dropped_counted_and_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     points = cloud(50)
     points[3, 1] = np.nan
     points[4, 2] = np.inf
@@ -100,7 +102,7 @@ def test_useless_points_raise(points: np.ndarray, fault: str) -> None:
 
 @pytest.mark.parametrize("origin", [[0.0, 0.0], np.zeros((99, 3)), [0.0, np.nan, 0.0], "here"])
 def test_a_malformed_sensor_origin_raises(origin: object) -> None:
-    with pytest.raises(ScanError, match="sensor_origin|sensor origins"):
+    with pytest.raises(ScanError, match=r"sensor_origin|sensor origins"):
         Scan(cloud(), sensor_origin=origin)  # type: ignore[arg-type]
 
 

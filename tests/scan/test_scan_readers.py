@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,17 +27,23 @@ def text_rows(points: np.ndarray, separator: str = " ") -> str:
 
 
 def ply_header(form: str, *lines: str) -> bytes:
-    return "\n".join(["ply", f"format {form} 1.0", "comment made by a test", *lines, "end_header", ""]).encode()
+    return "\n".join(
+        ["ply", f"format {form} 1.0", "comment made by a test", *lines, "end_header", ""]
+    ).encode()
 
 
 def ply_ascii(points: np.ndarray) -> bytes:
-    header = ply_header("ascii", f"element vertex {len(points)}", *(f"property float {name}" for name in "xyz"))
+    header = ply_header(
+        "ascii", f"element vertex {len(points)}", *(f"property float {name}" for name in "xyz")
+    )
     return header + text_rows(points).encode()
 
 
 def ply_binary(order: str) -> bytes:
     """Points with another element before them, an extra property between, and normals."""
-    record = np.dtype([(name, order + kind) for name, kind in zip(["x", "y", "red", "z"], "ffBf", strict=True)])
+    record = np.dtype(
+        [(name, order + kind) for name, kind in zip(["x", "y", "red", "z"], "ffBf", strict=True)]
+    )
     record = np.dtype([*record.descr, *((name, order + "f8") for name in ("nx", "ny", "nz"))])
     vertices = np.zeros(len(POINTS), dtype=record)
     for name, column in zip(("x", "y", "z", "nx", "ny", "nz"), np.hstack([POINTS, NORMALS]).T, strict=True):
@@ -60,7 +67,9 @@ def test_binary_ply_with_foreign_elements_and_properties(tmp_path: Path, order: 
 
 
 def test_ascii_ply_with_blank_lines_and_windows_line_ends(tmp_path: Path) -> None:
-    (tmp_path / "scan.PLY").write_bytes(ply_ascii(POINTS).replace(b"end_header\n", b"end_header\n\n").replace(b"\n", b"\r\n"))
+    (tmp_path / "scan.PLY").write_bytes(
+        ply_ascii(POINTS).replace(b"end_header\n", b"end_header\n\n").replace(b"\n", b"\r\n")
+    )
     assert np.allclose(Scan.load(tmp_path / "scan.PLY").points, POINTS)
 
 
@@ -83,7 +92,10 @@ def polygon_ply(form: str) -> bytes:
         f"element face {len(quads)}", "property list uchar int vertex_indices",
     )  # fmt: skip
     if form == "ascii":
-        return header + (text_rows(corners) + "\n".join(" ".join(map(str, [len(q), *q])) for q in quads)).encode()
+        return (
+            header
+            + (text_rows(corners) + "\n".join(" ".join(map(str, [len(q), *q])) for q in quads)).encode()
+        )
     order = "<" if "little" in form else ">"
     body = corners.astype(order + "f8").tobytes()
     return header + body + b"".join(struct.pack(f"{order}B{len(q)}i", len(q), *q) for q in quads)
@@ -129,7 +141,8 @@ def pcd_binary() -> bytes:
 
 
 def lzf(plain: bytes) -> bytes:
-    """Compress in the LZF format: repeats of three bytes and more, found greedily by a table of last positions."""
+    """Compress in the LZF format: repeats of three bytes and more, found greedily by a table of last
+    positions."""
     packed, literals, last, position = bytearray(), bytearray(), {}, 0
 
     def flush() -> None:
@@ -148,7 +161,11 @@ def lzf(plain: bytes) -> bytes:
             position += 1
             continue
         length = 3
-        while length < 264 and position + length < len(plain) and plain[found + length] == plain[position + length]:
+        while (
+            length < 264
+            and position + length < len(plain)
+            and plain[found + length] == plain[position + length]
+        ):
             length += 1
         flush()
         distance = position - found - 1
@@ -210,11 +227,16 @@ def test_old_pcd_without_points_and_count_lines(tmp_path: Path) -> None:
         ("comments.txt", "# made by hand\n// x y z\n\n" + text_rows(POINTS).replace("\n", "  # a point\n\n")),
         ("mark.txt", "\ufeff" + text_rows(POINTS)),
         ("heading.csv", "X,Y,Z\n" + text_rows(POINTS, ",")),
-        ("order.csv", '"id","z","x","y"\n' + text_rows(np.hstack([NORMALS[:, :1], POINTS[:, [2, 0, 1]]]), ",")),
-        ("name.csv", "label,x,y,z\n" + "".join(f"part {row}" for row in ("," + text_rows(POINTS, ",")).splitlines(True)[:0])
-         + "\n".join("part," + row for row in text_rows(POINTS, ",").splitlines())),
+        (
+            "order.csv",
+            '"id","z","x","y"\n' + text_rows(np.hstack([NORMALS[:, :1], POINTS[:, [2, 0, 1]]]), ","),
+        ),
+        (
+            "names.csv",
+            "label,x,y,z\n" + "".join(f"part,{row}\n" for row in text_rows(POINTS, ",").splitlines()),
+        ),
     ],
-)  # fmt: skip
+)
 def test_text(tmp_path: Path, name: str, content: str) -> None:
     (tmp_path / name).write_text(content, encoding="utf-8")
     assert np.allclose(Scan.load(tmp_path / name).points, POINTS, rtol=1e-6)
@@ -286,10 +308,22 @@ FAULTS: dict[str, tuple[str, bytes, str]] = {
     "ply: not one": ("scan.ply", b"solid", "not a PLY file"),
     "ply: header cut": ("scan.ply", ply_ascii(POINTS)[:40], "header has no end"),
     "ply: rows cut": ("scan.ply", ply_ascii(POINTS)[:-200], "truncated: fewer than the 60 elements 'vertex'"),
-    "ply: last row cut": ("scan.ply", b"\n".join(ply_ascii(POINTS).split(b"\n")[:-2]) + b"\n1 2\n", "malformed row"),
-    "ply: word": ("scan.ply", ply_ascii(POINTS).replace(b"end_header\n", b"end_header\n1 2 three\n"), "three"),
+    "ply: last row cut": (
+        "scan.ply",
+        b"\n".join(ply_ascii(POINTS).split(b"\n")[:-2]) + b"\n1 2\n",
+        "malformed row",
+    ),
+    "ply: word": (
+        "scan.ply",
+        ply_ascii(POINTS).replace(b"end_header\n", b"end_header\n1 2 three\n"),
+        "three",
+    ),
     "ply: binary cut": ("scan.ply", ply_binary("<")[:-1], "truncated: fewer than the 60 elements 'vertex'"),
-    "ply: list cut": ("scan.ply", polygon_ply("binary_big_endian")[:-3], "truncated: fewer than the 7 elements 'face'"),
+    "ply: list cut": (
+        "scan.ply",
+        polygon_ply("binary_big_endian")[:-3],
+        "truncated: fewer than the 7 elements 'face'",
+    ),
     "ply: huge count": (
         "scan.ply",
         ply_header("binary_little_endian", "element vertex 99999999999999", *HEADER_XYZ) + bytes(100),
@@ -297,23 +331,42 @@ FAULTS: dict[str, tuple[str, bytes, str]] = {
     ),
     "ply: huge list": (
         "scan.ply",
-        ply_header("binary_little_endian", "element face 1", "property list uint int vertex_indices") + b"\xff" * 4,
+        ply_header("binary_little_endian", "element face 1", "property list uint int vertex_indices")
+        + b"\xff" * 4,
         "impossible length",
     ),
     "ply: bad index": ("scan.ply", polygon_ply("ascii").replace(b"3 1 7 3", b"3 1 7 8"), r"outside 0\.\.7"),
-    "ply: no vertex": ("scan.ply", ply_header("ascii", "element face 0", "property int a"), "no element vertex"),
+    "ply: no vertex": (
+        "scan.ply",
+        ply_header("ascii", "element face 0", "property int a"),
+        "no element vertex",
+    ),
     "ply: no z": ("scan.ply", ply_header("ascii", "element vertex 0", *HEADER_XYZ[:2]), "no x, y, z"),
-    "ply: no points": ("scan.ply", ply_header("ascii", "element vertex 0", *HEADER_XYZ), "the scan has no points"),
+    "ply: no points": (
+        "scan.ply",
+        ply_header("ascii", "element vertex 0", *HEADER_XYZ),
+        "the scan has no points",
+    ),
     "ply: no format": ("scan.ply", b"ply\nelement vertex 0\nproperty int x\nend_header\n", "names no format"),
     "ply: odd type": (
-        "scan.ply", ply_header("ascii", "element vertex 1", "property quad x"), "'property quad x'",
+        "scan.ply",
+        ply_header("ascii", "element vertex 1", "property quad x"),
+        "'property quad x'",
     ),
     "ply: bare": ("scan.ply", ply_header("ascii", "element vertex 1"), "'vertex' has no properties"),
     "pcd: not one": ("scan.pcd", b"garbage", "no line DATA"),
     "pcd: header": ("scan.pcd", pcd_binary().replace(b"SIZE 4 4 4 8 2", b"SIZE 4 4 4"), "do not match"),
     "pcd: type": ("scan.pcd", pcd_binary().replace(b"TYPE F", b"TYPE Q"), "field x of type Q"),
-    "pcd: count": ("scan.pcd", pcd_binary().replace(b"POINTS 60", b"").replace(b"WIDTH 60", b""), "no number of points"),
-    "pcd: storage": ("scan.pcd", pcd_binary().replace(b"DATA binary", b"DATA zip"), "unknown PCD storage 'zip'"),
+    "pcd: count": (
+        "scan.pcd",
+        pcd_binary().replace(b"POINTS 60", b"").replace(b"WIDTH 60", b""),
+        "no number of points",
+    ),
+    "pcd: storage": (
+        "scan.pcd",
+        pcd_binary().replace(b"DATA binary", b"DATA zip"),
+        "unknown PCD storage 'zip'",
+    ),
     "pcd: no z": ("scan.pcd", pcd_binary().replace(b"x y z", b"x y w"), "no fields x, y, z, only x, y, w"),
     "pcd: ascii cut": ("scan.pcd", pcd_ascii()[:-300], "truncated: fewer than the 60 points"),
     "pcd: ascii word": ("scan.pcd", pcd_ascii()[:-30] + b"one", "malformed row"),
@@ -321,7 +374,9 @@ FAULTS: dict[str, tuple[str, bytes, str]] = {
     "pcd: compressed cut": ("scan.pcd", pcd_compressed()[:-1], "truncated: fewer than the 60 points"),
     "pcd: no sizes": ("scan.pcd", pcd_header("binary_compressed", 60) + b"\0", "truncated"),
     "pcd: sizes": (
-        "scan.pcd", pcd_header("binary_compressed", 60) + struct.pack("<II", 4, 4) + bytes(4), "malformed: 4 bytes",
+        "scan.pcd",
+        pcd_header("binary_compressed", 60) + struct.pack("<II", 4, 4) + bytes(4),
+        "malformed: 4 bytes",
     ),
     "pcd: corrupt": (
         "scan.pcd",
@@ -335,27 +390,45 @@ FAULTS: dict[str, tuple[str, bytes, str]] = {
     "text: word": ("scan.txt", b"# a\n1 2 3\n4 five 6\n", "line 3: 'five' is not a number"),
     "text: first word": ("scan.csv", b"a,b,c\n1,2,3\n", "line 1: 'a' is not a number"),
     "text: two columns": ("scan.csv", b"1,2,3\n1,2\n", "line 2: 2 columns where at least 3"),
-    "text: cut": ("scan.pts", b"100\n" + text_rows(POINTS).encode(), "truncated: the first line announces 100 points, 60"),
+    "text: cut": (
+        "scan.pts",
+        b"100\n" + text_rows(POINTS).encode(),
+        "truncated: the first line announces 100 points, 60",
+    ),
     "text: more": ("scan.pts", b"10\n" + text_rows(POINTS).encode(), "announces 10 points, 60 follow"),
     "text: decimal commas": ("scan.txt", b"1,5;2,5;3,5\n", "'1,5' is not a number"),
     "text: binary": ("scan.xyz", b"1 2 3\n\0\1\2", "binary data"),
     "npy: not one": ("scan.npy", b"1 2 3", "not a NumPy .npy file"),
     "npz: not one": ("scan.npz", b"\x93NUMPY", "not a NumPy .npz file"),
-    "obj: nothing": ("mesh.obj", b"garbage", "no geometry found"),
-    "obj: bad index": ("mesh.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "malformed|do not exist"),
+    "obj: nothing": ("mesh.obj", b"garbage", "no vertices"),
+    "obj: bad index": (
+        "mesh.obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
+        "faces name vertices that do not exist; there are 3",
+    ),
+    "obj: word": ("mesh.obj", b"v 0 0 0\nv 1 zero 0\n", "malformed OBJ: .*'zero'"),
+    "obj: short": ("mesh.obj", b"v 0 0\n", "malformed OBJ: .*column"),
+    "stl: text word": ("mesh.stl", b"solid a facet vertex 1 2 c\nendsolid", "malformed STL vertex"),
+    "stl: text corner": (
+        "mesh.stl",
+        b"solid a facet vertex 1 2 3\nendsolid",
+        "1 vertices make no whole triangles",
+    ),
     "stl: not one": ("mesh.stl", b"garbage", "truncated or not an STL file"),
     "stl: cut": ("mesh.stl", mesh_bytes(".stl")[:-10], "truncated or not an STL file"),
     "stl: text cut": ("mesh.stl", mesh_bytes("ascii")[:-100], "truncated: the STL text has no end"),
-    "stl: no faces": ("mesh.stl", bytes(84), "no geometry found"),
+    "stl: no faces": ("mesh.stl", bytes(84), "no triangles"),
     "glb: not one": ("mesh.glb", b"garbage", "not a GLB file"),
     "glb: cut": ("mesh.glb", mesh_bytes(".glb")[:-10], "truncated: .* of .* bytes"),
-    "glb: corrupt": ("mesh.glb", mesh_bytes(".glb").replace(b'"accessors"', b'"axcessors"'), "malformed .glb mesh"),
+    "glb: corrupt": ("mesh.glb", mesh_bytes(".glb").replace(b'"accessors"', b'"axcessors"'), "malformed GLB"),
     "mesh: flat": ("mesh.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no surface"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "content", "fault"), FAULTS.values(), ids=FAULTS.keys())
-def test_a_wrong_file_raises_one_error_with_file_and_cause(tmp_path: Path, name: str, content: bytes, fault: str) -> None:
+def test_a_wrong_file_raises_one_error_with_file_and_cause(
+    tmp_path: Path, name: str, content: bytes, fault: str
+) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ScanError, match=fault) as caught:
         Scan.load(tmp_path / name)
@@ -375,6 +448,13 @@ def npz(**arrays: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
+def zipped(name: str, content: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr(name, content)
+    return buffer.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "fault"),
     [
@@ -387,6 +467,7 @@ def npz(**arrays: np.ndarray) -> bytes:
         ("scan.npz", npz(points=POINTS)[:-5], "truncated or malformed"),
         ("scan.npz", npz(cloud=POINTS), "no array named points; the file has cloud"),
         ("scan.npz", npz(points=POINTS, sensor_origin=np.zeros(2)), "sensor_origin must have the shape"),
+        ("scan.npz", zipped("points.npy", b"1 2 3"), "must have the shape"),
         ("scan.npz", npz(points=np.array([{"a": 1}])), "truncated or malformed: .*pickle"),
     ],
 )
@@ -423,14 +504,20 @@ def test_missing_files_and_folders_raise(tmp_path: Path) -> None:
         ("mesh.glb", mesh_bytes(".glb")),
     ],
 )
-def test_corrupt_files_raise_nothing_but_the_package_errors(tmp_path: Path, name: str, content: bytes) -> None:
+def test_corrupt_files_raise_nothing_but_the_package_errors(
+    tmp_path: Path, name: str, content: bytes
+) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / name
     for _ in range(40):
         broken = bytearray(content)
-        for position in rng.integers(0, min(len(broken), int(rng.choice([300, 100_000]))), size=rng.integers(1, 4)):
+        for position in rng.integers(
+            0, min(len(broken), int(rng.choice([300, 100_000]))), size=rng.integers(1, 4)
+        ):
             broken[position] = rng.integers(0, 256)
-        path.write_bytes(broken[: rng.integers(len(broken) // 2, len(broken) + 1)] if rng.random() < 0.3 else broken)
+        path.write_bytes(
+            broken[: rng.integers(len(broken) // 2, len(broken) + 1)] if rng.random() < 0.3 else broken
+        )
         try:
             scan = Scan.load(path)
         except PwralignError as error:

@@ -1,4 +1,4 @@
-"""A Viking-style Mars lander. Lengths in m; the root frame is on the ground under the middle of the body, x forwards.
+"""A Viking-style Mars lander. Lengths in m, x forwards, z up; the root is on the ground under the body.
 
 The long side with the cameras and the sampler faces +x; the legs stand at 60, 180 and 300 degrees about z.
 """
@@ -46,16 +46,19 @@ def build() -> Robot:
         more_links, more_joints = add()
         links += more_links
         joints += more_joints
-    comment = "A Viking-style lander in metres, root on the ground under the body. Built by scripts/build_robots.py"
+    comment = "A Viking-style lander in metres, root on the ground under the body"
     return Robot("viking_lander", comment, MATERIALS, links, joints)
 
 
 def hexagon() -> np.ndarray:
-    """Return the (6, 2) outline of the body, counter-clockwise: its long sides prolonged make the footpads' triangle."""
+    """Return the (6, 2) outline of the body; its long sides, prolonged, make the triangle of the footpads."""
     points = []
     for angle in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0):
         normal, along = _directions(angle)
-        points += [LONG_INRADIUS * normal - LONG_SIDE / 2.0 * along, LONG_INRADIUS * normal + LONG_SIDE / 2.0 * along]
+        points += [
+            LONG_INRADIUS * normal - LONG_SIDE / 2.0 * along,
+            LONG_INRADIUS * normal + LONG_SIDE / 2.0 * along,
+        ]
     return np.array(points)
 
 
@@ -93,8 +96,12 @@ def _body() -> dict[str, Mesh]:
     for angle in (0.0, third, -third):
         engine = [
             lathe([(0, 0.10), (0.10, 0.10), (0.10, 0.14), (0.06, 0.22), (0.06, 0.34), (0, 0.34)], 18),
-            *(cylinder(0.014, 0.06, 8, 0.010).turned("x", math.pi).at(0.075 * math.cos(a), 0.075 * math.sin(a), 0.08)
-              for a in 2.0 * math.pi * np.arange(9) / 9.0),
+            *(
+                cylinder(0.014, 0.06, 8, 0.010)
+                .turned("x", math.pi)
+                .at(0.075 * math.cos(a), 0.075 * math.sin(a), 0.08)
+                for a in 2.0 * math.pi * np.arange(9) / 9.0
+            ),
         ]
         grey.append(_on_side(join(engine), angle, LONG_INRADIUS + 0.07, 0.0, 0.22))
         grey.append(_on_side(box((0.10, 0.10, 0.06)), angle, LONG_INRADIUS + 0.03, 0.0, 0.58))
@@ -111,32 +118,65 @@ def _body() -> dict[str, Mesh]:
     white.append(cover.at(-0.322, 0.357, DECK))
     white.append(cover.at(-0.322, -0.357, DECK))
     grey.append(cylinder(0.07, 0.06, 16).at(-0.322, -0.357, DECK + 0.30))
-    grey.append(tube([(-0.22, 0.34, DECK + 0.26), (-0.22, 0.34, DECK + 0.40), (-0.02, 0.48, DECK + 0.40), (0.10, 0.60, DECK - 0.01)], 0.022))
-    grey.append(tube([(-0.16, 0.28, DECK + 0.26), (-0.16, 0.28, DECK + 0.34), (0.04, 0.42, DECK + 0.34), (0.16, 0.54, DECK - 0.01)], 0.022))
+    grey.append(
+        tube(
+            [
+                (-0.22, 0.34, DECK + 0.26),
+                (-0.22, 0.34, DECK + 0.40),
+                (-0.02, 0.48, DECK + 0.40),
+                (0.10, 0.60, DECK - 0.01),
+            ],
+            0.022,
+        )
+    )
+    grey.append(
+        tube(
+            [
+                (-0.16, 0.28, DECK + 0.26),
+                (-0.16, 0.28, DECK + 0.34),
+                (0.04, 0.42, DECK + 0.34),
+                (0.16, 0.54, DECK - 0.01),
+            ],
+            0.022,
+        )
+    )
 
     # Deck: two cylindrical cameras 0.8 m apart near the front, their windows 1.3 m above the ground.
     for y, window_turn in ((CAMERA_SPACING / 2.0, 0.0), (-CAMERA_SPACING / 2.0, -0.5)):
-        camera = lathe([(0, 0), (0.085, 0), (0.085, 0.20), (0.062, 0.23), (0.062, 0.47), (0.045, 0.52), (0, 0.52)], 18)
+        camera = lathe(
+            [(0, 0), (0.085, 0), (0.085, 0.20), (0.062, 0.23), (0.062, 0.47), (0.045, 0.52), (0, 0.52)], 18
+        )
         white.append(camera.at(CAMERA_X, y, DECK))
         slit = box((0.03, 0.035, 0.12), (0.055, 0.0, CAMERA_EYE - DECK)).turned("z", window_turn)
         dark.append(slit.at(CAMERA_X, y, DECK))
 
     # Deck: sample inlets between the cameras, with the biology box on the right and the funnel on the left.
     orange.append(box((0.22, 0.20, 0.17), (0.24, -0.19, DECK + 0.08), 0.01))
-    grey.append(lathe([(0, 0), (0.035, 0), (0.035, 0.10), (0.075, 0.17), (0.065, 0.17), (0, 0.09)], 16).at(0.30, 0.16, DECK))
+    grey.append(
+        lathe([(0, 0), (0.035, 0), (0.035, 0.10), (0.075, 0.17), (0.065, 0.17), (0, 0.09)], 16).at(
+            0.30, 0.16, DECK
+        )
+    )
     grey.append(cylinder(0.05, 0.10, 14).at(0.24, -0.19, DECK + 0.21))
     white.append(box((0.14, 0.16, 0.09), (0.12, 0.06, DECK + 0.04), 0.01))
 
     # Deck: seismometer, test targets, relay antenna on the left, low-gain antenna on the right.
     grey.append(box((0.17, 0.15, 0.12), (-0.40, 0.0, DECK + 0.06), 0.015))
     for x, y, turn in ((-0.03, -0.33, 0.3), (0.07, 0.26, -0.3), (-0.10, 0.02, 0.0)):
-        target = box((0.012, 0.16, 0.12)).turned("y", -0.5).at(0.0, 0.0, 0.11) + rod((-0.01, 0, -0.01), (-0.01, 0, 0.10), 0.012)
+        target = box((0.012, 0.16, 0.12)).turned("y", -0.5).at(0.0, 0.0, 0.11) + rod(
+            (-0.01, 0, -0.01), (-0.01, 0, 0.10), 0.012
+        )
         white.append(target.turned("z", turn).at(x, y, DECK))
     dark.append(cylinder(0.03, 0.26, 12).at(0.10, 0.66, DECK + 0.13))
     dark.append(lathe([(0, 0), (0.12, 0), (0.12, 0.02), (0, 0.02)], 8).at(0.10, 0.66, DECK + 0.10))
-    dark += [box((0.26, 0.02, 0.02), (0.10, 0.66, DECK + 0.25)).turned("z", 0.0), box((0.02, 0.26, 0.02), (0.10, 0.66, DECK + 0.25))]
+    dark += [
+        box((0.26, 0.02, 0.02), (0.10, 0.66, DECK + 0.25)).turned("z", 0.0),
+        box((0.02, 0.26, 0.02), (0.10, 0.66, DECK + 0.25)),
+    ]
     grey.append(rod((0.16, -0.66, DECK - 0.01), (0.16, -0.66, DECK + 0.42), 0.016))
-    white.append(lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42))
+    white.append(
+        lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42)
+    )
 
     # Mast of the high-gain dish near the rear edge, with its brace.
     x, y = MAST
@@ -146,7 +186,11 @@ def _body() -> dict[str, Mesh]:
 
     # Foot of the sampler and bracket of the meteorology boom.
     grey.append(cylinder(0.08, 0.05, 18).at(*SHOULDER, DECK + 0.015))
-    grey.append(_on_side(box((0.12, 0.07, 0.05), bevel=0.006), math.pi / 3.0, SHORT_INRADIUS + 0.03, 0.16, DECK - 0.045))
+    grey.append(
+        _on_side(
+            box((0.12, 0.07, 0.05), bevel=0.006), math.pi / 3.0, SHORT_INRADIUS + 0.03, 0.16, DECK - 0.045
+        )
+    )
     return {
         "white": join(white),
         "grey": join(grey),
@@ -169,7 +213,16 @@ def _leg() -> dict[str, Mesh]:
         corner = np.array([SHORT_INRADIUS - 0.01, side * 0.24, KEEL + 0.04])
         struts += [rod(corner, knee, 0.022), box((0.05, 0.06, 0.06), corner)]
     pad = lathe(
-        [(0, 0), (0.10, 0), (FOOTPAD_RADIUS, 0.035), (FOOTPAD_RADIUS, 0.055), (0.10, 0.045), (0.05, 0.085), (0, 0.085)], 20
+        [
+            (0, 0),
+            (0.10, 0),
+            (FOOTPAD_RADIUS, 0.035),
+            (FOOTPAD_RADIUS, 0.055),
+            (0.10, 0.045),
+            (0.05, 0.085),
+            (0, 0.085),
+        ],
+        20,
     )
     return {"grey": join(struts), "titanium": pad.at(FOOTPAD_REACH, 0.0, 0.0)}
 
@@ -188,7 +241,10 @@ def _dish() -> tuple[list[Link], list[Joint]]:
     back = [(r, z - 0.012) for r, z in zip(radii, curve, strict=True)]
     front = [(r, z) for r, z in zip(radii[::-1], curve[::-1], strict=True)]
     reflector = lathe(back + front, 36).turned("y", math.pi / 2.0).at(0.10, 0.0, 0.0)
-    rim = [(0.10 + depth, DISH_RADIUS * 0.98 * math.cos(a), DISH_RADIUS * 0.98 * math.sin(a)) for a in (0.5, 2.6, 4.7)]
+    rim = [
+        (0.10 + depth, DISH_RADIUS * 0.98 * math.cos(a), DISH_RADIUS * 0.98 * math.sin(a))
+        for a in (0.5, 2.6, 4.7)
+    ]
     feed = (0.10 + DISH_FOCUS, 0.0, 0.0)
     feed_mount = [rod(np.array(point) - (0.01, 0.0, 0.0), feed, 0.009, 8) for point in rim]
     hub = [
@@ -204,12 +260,24 @@ def _dish() -> tuple[list[Link], list[Joint]]:
         Link("antenna_dish", {"white": reflector, "grey": join(hub)}),
     ]
     joints = [
-        Joint("antenna_azimuth", "revolute", "body", "antenna_yoke", (x, y, MAST_TOP), limits=_degrees(-175.0, 175.0)),
         Joint(
-            "antenna_elevation", "revolute", "antenna_yoke", "antenna_dish", (0.0, 0.0, DISH_AXIS), axis=(0.0, -1.0, 0.0),
+            "antenna_azimuth",
+            "revolute",
+            "body",
+            "antenna_yoke",
+            (x, y, MAST_TOP),
+            limits=_degrees(-175.0, 175.0),
+        ),
+        Joint(
+            "antenna_elevation",
+            "revolute",
+            "antenna_yoke",
+            "antenna_dish",
+            (0.0, 0.0, DISH_AXIS),
+            axis=(0.0, -1.0, 0.0),
             limits=_degrees(-20.0, 95.0),
         ),
-    ]  # fmt: skip
+    ]
     return links, joints
 
 
@@ -222,40 +290,67 @@ def _sampler() -> tuple[list[Link], list[Joint]]:
         rod((0.0, -0.16, 0.075), (0.0, -0.07, 0.075), 0.03, 12),
     ]
     housing = [
-        prism([(-0.02, -0.045), (0.68, -0.045), (0.68, 0.045), (-0.02, 0.07)], 0.11, 0.008, along="y"),
+        prism([(-0.02, -0.055), (0.68, -0.055), (0.68, 0.055), (-0.02, 0.075)], 0.12, 0.008, along="y"),
         cylinder(0.085, 0.10, 20).turned("x", math.pi / 2.0),
         rod((0.0, -0.10, 0.0), (0.0, 0.10, 0.0), 0.02),
         box((0.16, 0.06, 0.07), (0.20, 0.075, 0.0), 0.008),
-        box((0.03, 0.13, 0.12), (0.665, 0.0, 0.0), 0.006),
+        box((0.03, 0.14, 0.13), (0.665, 0.0, 0.0), 0.006),
     ]
-    links = [Link("sampler_turret", {"grey": join(turret)}), Link("sampler_housing", {"white": join(housing)})]
+    links = [
+        Link("sampler_turret", {"grey": join(turret)}),
+        Link("sampler_housing", {"white": join(housing)}),
+    ]
     joints = [
-        Joint("sampler_azimuth", "revolute", "body", "sampler_turret", (*SHOULDER, DECK), limits=_degrees(-144.0, 144.0)),
         Joint(
-            "sampler_elevation", "revolute", "sampler_turret", "sampler_housing", (0.0, 0.0, SHOULDER_HEIGHT),
-            axis=(0.0, -1.0, 0.0), limits=_degrees(-40.0, 34.0),
+            "sampler_azimuth",
+            "revolute",
+            "body",
+            "sampler_turret",
+            (*SHOULDER, DECK),
+            limits=_degrees(-144.0, 144.0),
         ),
-    ]  # fmt: skip
+        Joint(
+            "sampler_elevation",
+            "revolute",
+            "sampler_turret",
+            "sampler_housing",
+            (0.0, 0.0, SHOULDER_HEIGHT),
+            axis=(0.0, -1.0, 0.0),
+            limits=_degrees(-40.0, 34.0),
+        ),
+    ]
     for k in range(1, BOOM_SECTIONS + 1):
-        section = rod((0.0, 0.0, 0.0), (SECTION_LENGTH, 0.0, 0.0), 0.038 - 0.004 * k, 14)
+        section = rod((0.0, 0.0, 0.0), (SECTION_LENGTH, 0.0, 0.0), 0.052 - 0.007 * k, 14)
         share = k / BOOM_SECTIONS
         last = k == BOOM_SECTIONS
         name = "sampler_boom" if last else f"sampler_boom_{k}"
         links.append(Link(name, {"titanium": section}))
         joints.append(
             Joint(
-                "sampler_extension" if last else f"sampler_extension_{k}", "prismatic", "sampler_housing", name,
-                axis=(1.0, 0.0, 0.0), limits=(0.0, round(BOOM_STROKE * share, 6)),
-                mimic=None if last else ("sampler_extension", share, 0.0), effort=100.0, velocity=0.1,
+                "sampler_extension" if last else f"sampler_extension_{k}",
+                "prismatic",
+                "sampler_housing",
+                name,
+                axis=(1.0, 0.0, 0.0),
+                limits=(0.0, round(BOOM_STROKE * share, 6)),
+                mimic=None if last else ("sampler_extension", share, 0.0),
+                effort=100.0,
+                velocity=0.1,
             )
-        )  # fmt: skip
+        )
     head = [
-        prism([(0.0, -0.03), (0.13, -0.03), (0.27, -0.004), (0.27, 0.004), (0.13, 0.035), (0.0, 0.035)], 0.062, along="y"),
-        prism([(0.02, -0.11), (0.05, -0.11), (0.09, -0.02), (0.02, -0.02)], 0.045, along="y"),
-        box((0.07, 0.03, 0.05), (0.05, -0.045, 0.01), 0.004),
+        prism(
+            [(0.0, -0.04), (0.13, -0.04), (0.27, -0.005), (0.27, 0.005), (0.13, 0.045), (0.0, 0.045)],
+            0.085,
+            along="y",
+        ),
+        prism([(0.02, -0.14), (0.05, -0.14), (0.10, -0.03), (0.02, -0.03)], 0.065, along="y"),
+        box((0.08, 0.04, 0.06), (0.06, -0.058, 0.01), 0.004),
     ]
     links.append(Link("collector_head", {"orange": join(head)}))
-    joints.append(Joint("collector_head_mount", "fixed", "sampler_boom", "collector_head", (SECTION_LENGTH, 0.0, 0.0)))
+    joints.append(
+        Joint("collector_head_mount", "fixed", "sampler_boom", "collector_head", (SECTION_LENGTH, 0.0, 0.0))
+    )
     return links, joints
 
 
@@ -274,9 +369,15 @@ def _meteorology() -> tuple[list[Link], list[Joint]]:
     normal, along = _directions(math.pi / 3.0)
     x, y = (SHORT_INRADIUS + 0.07) * normal + 0.16 * along
     hinge = Joint(
-        "meteorology_hinge", "revolute", "body", link.name, (x, y, DECK + 0.01), (0.0, BOOM_STOWED, math.pi / 3.0),
-        axis=(0.0, -1.0, 0.0), limits=_degrees(0.0, 130.0),
-    )  # fmt: skip
+        "meteorology_hinge",
+        "revolute",
+        "body",
+        link.name,
+        (x, y, DECK + 0.01),
+        (0.0, BOOM_STOWED, math.pi / 3.0),
+        axis=(0.0, -1.0, 0.0),
+        limits=_degrees(0.0, 130.0),
+    )
     return [link], [hinge]
 
 

@@ -1,0 +1,79 @@
+"""The command `pwralign`: verbs, exit codes, and one line on stderr for everything that goes wrong."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pwralign_kin import dependencies
+from pwralign_kin.cli import messages
+from pwralign_kin.cli.codes import BAD_INPUT, INTERRUPTED, OK, USAGE, UsageError
+from pwralign_kin.exceptions import PwralignError
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+VERBS = {
+    "estimate": "Find where a model is in a scan: its base placement and every joint value.",
+    "inspect": "Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds.",
+    "simulate": "Scan a model in software: points with the truth beside them.",
+    "doctor": "Check that everything this program needs is installed, and say how to mend it.",
+}
+"""Each verb is a module of this package with a function of the same name."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `pwralign` with `arguments` (those of the process by default) and return its exit code."""
+    from cyclopts import CycloptsError
+
+    tokens = sys.argv[1:] if arguments is None else list(arguments)
+    with messages.to_stderr():
+        try:
+            code = _app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+            sys.stdout.flush()
+        except (CycloptsError, UsageError) as error:
+            return messages.complain(f"{error} See pwralign --help.", USAGE)
+        except PwralignError as error:
+            return messages.complain(str(error), BAD_INPUT)
+        except KeyboardInterrupt:
+            return messages.complain("interrupted", INTERRUPTED)
+        except BrokenPipeError:
+            # Whoever read the output has had enough; Python must not try to flush the rest on its way out.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return OK
+        except Exception as error:
+            return messages.complain(_unexpected(error), BAD_INPUT)
+    return OK if code is None else int(code)
+
+
+def _app() -> App:
+    """Return the parser. The verbs' modules are imported when called, so that help comes at once."""
+    from cyclopts import App
+
+    app = App(
+        name="pwralign",
+        help="A URDF and a scan in; the model's base placement and every joint value out.",
+        help_epilogue="Exit codes: 0 ok, 1 bad input, 2 usage, 3 ran but with low confidence.",
+        help_format="plaintext",
+        version=_version,
+    )
+    for place, (verb, summary) in enumerate(VERBS.items()):
+        app.command(f"{__name__}.{verb}:{verb}", name=verb, help=summary, sort_key=place)
+    return app
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("pwralign-kin")
+
+
+def _unexpected(error: Exception) -> str:
+    """Return the line for an error that nobody raised on purpose: a library does not load, or a defect."""
+    if isinstance(error, ImportError | OSError):
+        problem = dependencies.explained(error)
+        if problem is not None:
+            return str(problem)
+    return f"unexpected {type(error).__name__}: {error} ({messages.crash_report(error)})"

@@ -1,0 +1,87 @@
+"""Arguments that several verbs share, and what they turn into."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.exceptions import ExportError
+
+if TYPE_CHECKING:
+    from pwralign_kin.scan import Scan
+
+Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
+
+ScanPath = Annotated[
+    Path, Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ or a mesh (OBJ, STL, GLB).")
+]
+
+PackageDirs = Annotated[
+    list[Path] | None,
+    Parameter(help="A folder that contains packages of the URDF; may be repeated.", negative=()),
+]
+
+GeometryChoice = Annotated[
+    Literal["visual", "collision"], Parameter(help="Which elements of the URDF give the links their shape.")
+]
+
+Units = Annotated[
+    Literal["m", "mm", "auto"],
+    Parameter(help="Unit of the scan file; auto: mm where m makes no sense beside the model."),
+]
+
+Seed = Annotated[
+    int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))
+]
+
+Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
+
+
+def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
+    """Return {name: value} of arguments `name=value`; raises `UsageError` for one of another form."""
+    values: dict[str, float] = {}
+    for text in assignments or ():
+        name, equals, number = text.rpartition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not name or not equals or not math.isfinite(value):
+            raise UsageError(f"--joint takes name=value with a number in rad or m, not {text!r}.")
+        values[name] = value
+    return values
+
+
+def check_folder(folder: Path) -> None:
+    """Raise `ExportError` when `folder` cannot be written, before anything that takes time is done for it."""
+    place = folder.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
+        raise ExportError(folder, f"cannot write here: {place} is not a folder")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise ExportError(folder, f"cannot write here: no permission for {place}")
+
+
+def read_scan(
+    path: Path, sensor_origin: tuple[float, ...] | None = None, crop: tuple[float, ...] | None = None
+) -> Scan:
+    """Return the scan in the unit of its file, in which `sensor_origin` and the box `crop` are given too."""
+    from pwralign_kin.scan import Scan
+
+    scan = Scan.load(path, sensor_origin=sensor_origin, units="auto")
+    return scan if crop is None else scan.cropped(crop[:3], crop[3:])
+
+
+def in_metres(scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float) -> Scan:
+    """Return the scan in m; raises `UnitError` when `units` cannot be true beside a model of `diagonal` m."""
+    from pwralign_kin.scan import check_units
+
+    return check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)

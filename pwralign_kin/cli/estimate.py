@@ -1,0 +1,131 @@
+"""`pwralign estimate`: a URDF and a scan in, the aligned model out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pwralign_kin.cli import arguments, messages
+from pwralign_kin.cli.arguments import GeometryChoice, Joints, PackageDirs, ScanPath, Seed, Units, Urdf
+from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+
+if TYPE_CHECKING:
+    from pwralign_kin.estimation import Estimate
+    from pwralign_kin.state import State
+
+Triple = tuple[float, float, float]
+Box = tuple[float, float, float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
+
+
+def estimate(
+    urdf: Urdf,
+    scan: ScanPath,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None,
+    initial: Annotated[Path | None, Parameter(help="A state.json to start from.")] = None,
+    joint: Annotated[
+        Joints,
+        Parameter(
+            help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."
+        ),
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        Parameter(
+            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()
+        ),
+    ] = None,
+    base: Annotated[
+        Pose | None,
+        Parameter(help="x y z qx qy qz qw: where the root link is to start with, m.", negative=()),
+    ] = None,
+    crop: Annotated[
+        Box | None,
+        Parameter(
+            help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=()
+        ),
+    ] = None,
+    sensor_origin: Annotated[
+        Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
+    ] = None,
+    correspondences: Annotated[
+        Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
+    ] = None,
+    units: Units = "m",
+    seed: Seed = 0,
+    json: Annotated[
+        bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)
+    ] = False,
+    package_dir: PackageDirs = None,
+    geometry: GeometryChoice = "visual",
+    up: Annotated[
+        Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
+    ] = "z",
+    threads: Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))] = 0,
+) -> int:
+    """Find where a model is in a scan: its base placement and every joint value.
+
+    No guess is needed. Results go to stdout, everything else to stderr.
+    """
+    values = arguments.joint_values(joint)
+    guess = _guess(initial, base, values)
+    if out is not None:
+        arguments.check_folder(out)
+    with messages.progress() as show:
+        from pwralign_kin.estimation import EstimatorOptions
+        from pwralign_kin.estimation.correspondences import Correspondences
+        from pwralign_kin.estimation.estimator import estimate as estimated
+        from pwralign_kin.export import export
+        from pwralign_kin.model import ArticulatedModel
+
+        show("reading the scan")
+        points = arguments.read_scan(scan, sensor_origin, crop)
+        pairs = None if correspondences is None else Correspondences.load(correspondences)
+        show("reading the model")
+        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        points = arguments.in_metres(points, units, model.diagonal)
+        options = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
+        result = estimated(
+            model, points, initial=guess, correspondences=pairs, options=options, progress=show
+        )
+        show("writing the result")
+        written = [] if out is None else export(result, model, points, out, up=up)
+    _print(result, written, json)
+    if result.confidence >= ENOUGH_CONFIDENCE:
+        return OK
+    messages.say(f"low confidence ({result.confidence:.2f}): look at the result before you use it", "warning")
+    return LOW_CONFIDENCE
+
+
+def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float]) -> State | None:
+    """Return the state to start from, or None to search; `values` go before those of a file."""
+    import numpy as np
+
+    from pwralign_kin import se3
+    from pwralign_kin.state import State
+
+    if initial is not None and base is not None:
+        raise UsageError("--initial and --base exclude each other.")
+    if base is not None:
+        return State(se3.from_quaternion(np.array(base[:3]), np.array(base[3:])), values)
+    if initial is None:
+        return None
+    given = State.load(initial)
+    return State(given.T_scan_base, {**given.joints, **values}, given.base_link)
+
+
+def _print(result: Estimate, written: list[Path], as_json: bool) -> None:
+    if as_json:
+        from json import dumps
+
+        print(dumps(result.to_dict(), indent=2, allow_nan=False))
+        return
+    print(result)
+    for path in written:
+        print(f"wrote {path}")

@@ -1,0 +1,125 @@
+"""`pwralign inspect`: what a URDF, and a scan beside it, hold."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from pwralign_kin.cli import arguments, messages
+from pwralign_kin.cli.arguments import GeometryChoice, PackageDirs, ScanPath, Urdf
+from pwralign_kin.cli.table import table
+from pwralign_kin.exceptions import MissingMeshError, UnitError
+
+if TYPE_CHECKING:
+    from pwralign_kin.model import ArticulatedModel, MovingJoint
+    from pwralign_kin.scan import Scan
+
+
+def inspect(
+    urdf: Urdf,
+    scan: ScanPath | None = None,
+    /,
+    *,
+    package_dir: PackageDirs = None,
+    geometry: GeometryChoice = "visual",
+) -> None:
+    """Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds."""
+    from pwralign_kin.model import ArticulatedModel
+
+    with messages.progress() as show:
+        show("reading the model")
+        try:
+            model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        except MissingMeshError as error:
+            print(_missing(error))
+            raise
+    print(_described(model))
+    if scan is not None:
+        print(f"\n{_compared(arguments.read_scan(scan), model)}")
+
+
+def _missing(error: MissingMeshError) -> str:
+    rows = [
+        (mesh if place == 0 else "", str(path))
+        for mesh, paths in error.meshes.items()
+        for place, path in enumerate(paths or ["its package is in no package folder"])
+    ]
+    return table(("missing mesh", "looked for at"), rows)
+
+
+def _described(model: ArticulatedModel) -> str:
+    pieces = [
+        f"{model.name}: {len(model.parts)} parts, {len(model.joint_names)} joints, "
+        f"{_length(model.diagonal)} across, root link {model.root_link}",
+        _parts(model),
+    ]
+    if model.joint_names:
+        pieces.append(_joints(model))
+    if model.unobservable:
+        pieces.append(f"no scan can tell, all geometry is on one side: {', '.join(model.unobservable)}")
+    if model.warnings:
+        pieces.append("\n".join(["mended or worth a look:", *(f"  {warning}" for warning in model.warnings)]))
+    return "\n\n".join(pieces)
+
+
+def _parts(model: ArticulatedModel) -> str:
+    """Return the part graph as an indented tree, each part with the joint that it hangs on."""
+    depth: list[int] = []
+    rows = []
+    for part in model.parts:
+        depth.append(depth[part.parent] + 1 if part.parent >= 0 else 0)
+        size, triangles = (_length(part.size), str(len(part.faces))) if len(part.faces) else ("-", "-")
+        hinge = "" if part.joint is None else part.joint.name
+        rows.append(("  " * depth[-1] + part.name, size, triangles, str(len(part.links)), hinge))
+    return table(("part", " size", " triangles", " links", "hangs on joint"), rows)
+
+
+def _joints(model: ArticulatedModel) -> str:
+    own = {part.joint.name: part.joint for part in model.parts if part.joint is not None}
+    followers: dict[str, list[str]] = {}
+    for joint in own.values():
+        leader = model.joint_names[joint.actuated]
+        if joint.name != leader:
+            followers.setdefault(leader, []).append(_relation(joint))
+    rows = []
+    for index, name in enumerate(model.joint_names):
+        turns = bool(model.continuous[index])
+        limits = [_value(limits[index], model.units[name]) for limits in (model.lower, model.upper)]
+        kind = "continuous" if turns else own[name].kind
+        rows.append((name, kind, *limits, ", ".join(followers.get(name, ()))))
+    return table(("joint", "kind", " from", " to", "mimicked by"), rows)
+
+
+def _relation(joint: MovingJoint) -> str:
+    offset = f" {joint.offset:+g}" if joint.offset else ""
+    return f"{joint.name} = {joint.multiplier:g} x{offset}"
+
+
+def _compared(scan: Scan, model: ArticulatedModel) -> str:
+    """Return what the scan holds and which unit makes sense beside the model."""
+    origin = {None: "unknown", 1: "one", 2: "one per point"}[
+        None if scan.sensor_origin is None else scan.sensor_origin.ndim
+    ]
+    dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
+    try:
+        arguments.in_metres(scan, "m", model.diagonal)
+        unit = "m"
+    except UnitError:
+        unit = "mm: use --units mm"
+    rows = [
+        ("points", str(len(scan))),
+        ("dropped", dropped or "none"),
+        ("extent", " x ".join(f"{length:.4g}" for length in scan.extent)),
+        ("unit", unit),
+        ("sensor origin", origin),
+        ("normals", "none" if scan.normals is None else "given"),
+    ]
+    return table(("scan", scan.source), rows)
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"
+
+
+def _value(value: float, unit: str) -> str:
+    return f"{math.degrees(value):.1f} deg" if unit == "rad" else f"{1e3 * value:.1f} mm"

@@ -1,0 +1,85 @@
+"""What goes to stderr: warnings, errors and progress. An unexpected error leaves a crash report."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class _StderrHandler(logging.Handler):
+    """Writes each record of the library as one line.
+
+    It looks `sys.stderr` up anew each time, because a running progress display replaces it.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write the record."""
+        say(record.getMessage(), record.levelname.lower() if record.levelno >= logging.WARNING else "note")
+
+
+@contextmanager
+def to_stderr() -> Iterator[None]:
+    """While the block runs, show what this package logs and nothing of what other libraries log."""
+    own, root = logging.getLogger("pwralign_kin"), logging.getLogger()
+    handler, silence, level = _StderrHandler(), logging.NullHandler(), own.level
+    own.addHandler(handler)
+    root.addHandler(silence)
+    own.setLevel(logging.INFO)
+    logging.captureWarnings(True)
+    try:
+        yield
+    finally:
+        logging.captureWarnings(False)
+        own.setLevel(level)
+        own.removeHandler(handler)
+        root.removeHandler(silence)
+
+
+def say(text: str, kind: str) -> None:
+    """Write one line to stderr, whatever line breaks `text` holds."""
+    sys.stderr.write(f"pwralign: {kind}: {' '.join(text.split())}\n")
+    sys.stderr.flush()
+
+
+def complain(text: str, code: int) -> int:
+    """Write an error as one line and return the exit code."""
+    say(text, "error")
+    return code
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Yield a function that shows the name of the current stage, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield lambda stage: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(bar_width=20), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as display:
+        task = display.add_task("", total=None)
+        yield lambda stage: display.update(task, description=stage)
+
+
+def crash_report(error: BaseException) -> str:
+    """Write the traceback of `error` into a file of the user's log folder and return where it is."""
+    import platformdirs
+
+    name = f"crash-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    text = f"{' '.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
+    for folder in (Path(platformdirs.user_log_dir("pwralign_kin")), Path(tempfile.gettempdir())):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+        except OSError:
+            continue
+        return f"this is a defect of pwralign; please report it with {folder / name}"
+    return "this is a defect of pwralign; its traceback could not be written anywhere"

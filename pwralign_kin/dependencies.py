@@ -1,0 +1,85 @@
+"""Libraries that may be missing or may not load, and the command that mends it."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import sys
+from collections.abc import Iterable
+from importlib import import_module
+from typing import Any
+
+from pwralign_kin.exceptions import DependencyError
+
+SYSTEM_LIBRARIES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libgomp.so.1": "libgomp1",
+}
+"""Shared libraries that Open3D and Pinocchio expect of the system, with their Debian packages."""
+
+_DISTRIBUTIONS = {"collada": "pycollada", "open3d": "open3d-cpu", "pinocchio": "pin", "yaml": "pyyaml"}
+"""Distributions that are not called like their module."""
+
+_SONAME = re.compile(r"lib[\w.+-]+\.so[.\d]*")
+
+
+def open3d() -> Any:
+    """Return the module `open3d`; raises `DependencyError` when it is missing or does not load."""
+    return _loaded("open3d")
+
+
+def pinocchio() -> Any:
+    """Return the module `pinocchio`; raises `DependencyError` when it is missing or does not load."""
+    return _loaded("pinocchio")
+
+
+def missing_system_libraries() -> tuple[str, ...]:
+    """Return the Debian packages of the system libraries that do not load; only Linux needs any."""
+    if sys.platform != "linux":
+        return ()
+    return tuple(package for library, package in SYSTEM_LIBRARIES.items() if not _loads(library))
+
+
+def install_command(packages: Iterable[str]) -> str:
+    """Return the command line that installs Debian packages, ready to paste."""
+    return f"{'' if os.geteuid() == 0 else 'sudo '}apt-get install -y {' '.join(packages)}"
+
+
+def explained(error: ImportError | OSError) -> DependencyError | None:
+    """Return what `error` says of a missing module or system library, or None when it speaks of neither."""
+    if isinstance(error, ModuleNotFoundError) and error.name is not None:
+        module = error.name.partition(".")[0]
+        if module == __package__:
+            return DependencyError(f"{error.name} was not built", "pip install . in its source folder")
+        distribution = _DISTRIBUTIONS.get(module, module)
+        return DependencyError(f"{module} is not installed", f"pip install {distribution}")
+    named = _SONAME.search(str(error))
+    if named is None or named[0] not in SYSTEM_LIBRARIES:
+        return None
+    packages = missing_system_libraries() or (SYSTEM_LIBRARIES[named[0]],)
+    return DependencyError(f"the system library {named[0]} does not load", install_command(packages))
+
+
+def _loaded(module: str) -> Any:
+    try:
+        return import_module(module)
+    except (ImportError, OSError) as error:
+        problem = explained(error)
+        if problem is None:
+            distribution = _DISTRIBUTIONS[module]
+            problem = DependencyError(
+                f"{distribution} does not load ({error})", f"pip install --force-reinstall {distribution}"
+            )
+        raise problem from error
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,185 @@
+"""The whole folder: which files there are, and that they are written together or not at all."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from conftest import BOT_JOINTS, BOT_VALUES, estimate_from, scan_of
+from PIL import Image
+
+from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.exceptions import ExportError, UnknownNameError
+from pwralign_kin.export import export, overlay
+from pwralign_kin.export.folder import atomic_folder
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan import Scan
+from pwralign_kin.state import State
+
+FILES = {
+    "aligned.urdf", "deviation.csv", "deviation.ply", "estimate.json", "initial_positions.yaml",
+    "joint_state.yaml", "model.glb", "model.ply", "model.srdf", "overlay.png", "state.json",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def case(bot: ArticulatedModel, bot_state: State) -> tuple[Estimate, Scan, np.ndarray]:
+    scan, labels = scan_of(bot, bot_state)
+    return estimate_from(bot, bot_state, labels), scan, labels
+
+
+@pytest.fixture(scope="module")
+def folder(bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out") / "deep" / "result"
+    written = export(case[0], bot, case[1], folder)
+    assert {path.name for path in written} == FILES
+    assert all(path.parent == folder and path.stat().st_size for path in written)
+    return folder
+
+
+@pytest.fixture
+def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the picture, which takes most of the time."""
+    monkeypatch.setattr(overlay, "write_overlay", lambda path, *rest: path.write_bytes(b"png"))
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_the_folder_holds_the_files_and_nothing_is_left_beside_it(folder: Path) -> None:
+    assert names(folder) == FILES
+    assert names(folder.parent) == {folder.name}
+
+
+def test_state_reads_back_exactly(folder: Path, bot_state: State) -> None:
+    state = State.load(folder / "state.json")
+    assert np.array_equal(state.T_scan_base, bot_state.T_scan_base)
+    assert state.joints == bot_state.joints
+    assert state.base_link == "base"
+
+
+def test_estimate_is_strict_json_with_the_summary(folder: Path) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    summary = json.loads((folder / "estimate.json").read_text(), parse_constant=refuse)
+    assert summary["joints"] == BOT_JOINTS
+    assert summary["confidence"] == 0.9
+    assert summary["std"]["wrist"] is None
+
+
+def test_joint_state_is_a_ros_message_with_mimicking_joints(folder: Path) -> None:
+    message = yaml.safe_load((folder / "joint_state.yaml").read_text())
+    assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(BOT_VALUES, abs=1e-15)
+    assert message["velocity"] == message["effort"] == []
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+
+
+def test_initial_positions_name_the_actuated_joints(folder: Path) -> None:
+    assert yaml.safe_load((folder / "initial_positions.yaml").read_text()) == {"initial_positions": BOT_JOINTS}
+
+
+def test_deviation_table_describes_the_points_of_each_part(
+    folder: Path, bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray]
+) -> None:
+    _, scan, labels = case
+    with (folder / "deviation.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == [part.name for part in bot.parts]
+    kept = labels[scan.source_index]
+    assert [int(row["points"]) for row in rows] == [np.count_nonzero(kept == index) for index in range(len(rows))]
+    for row in rows:
+        if int(row["points"]):
+            assert float(row["rms"]) < 2e-3  # the noise of the scan is 1 mm in each direction
+            assert abs(float(row["mean"])) <= float(row["rms"]) <= float(row["max_abs"])
+
+
+def test_overlay_is_a_picture_with_colour(folder: Path) -> None:
+    picture = np.asarray(Image.open(folder / "overlay.png").convert("RGB")).astype(int)
+    assert picture.shape[1] == overlay.WIDTH
+    assert np.ptp(picture, axis=2).max() > 60
+    assert (picture == 255).all(axis=2).mean() > 0.3
+
+
+def test_other_files_stay_and_old_ones_are_replaced(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, no_picture: None
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "state.json").write_text("old")
+    export(case[0], bot, case[1], tmp_path)
+    assert names(tmp_path) == FILES | {"notes.txt"}
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert State.load(tmp_path / "state.json").joints == BOT_JOINTS
+
+
+def test_a_failure_leaves_the_folder_as_it_was(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(overlay, "write_overlay", fail)
+    out = tmp_path / "out"
+    with pytest.raises(ExportError, match="No space left"):
+        export(case[0], bot, case[1], out)
+    assert names(tmp_path) == set()
+
+    out.mkdir()
+    (out / "state.json").write_text("old")
+    with pytest.raises(ExportError):
+        export(case[0], bot, case[1], out)
+    assert names(tmp_path) == {"out"}
+    assert names(out) == {"state.json"}
+    assert (out / "state.json").read_text() == "old"
+
+
+def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "b").write_text("old")
+    move = Path.replace
+
+    def fail_at_c(path: Path, target: Path) -> Path:
+        if Path(target).name == "c":
+            raise OSError(5, "Input/output error")
+        return move(path, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_c)
+    with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
+        for name in "abc":
+            (new / name).write_text("new")
+    assert names(tmp_path) == {"out"}
+    assert names(tmp_path / "out") == {"b"}
+    assert (tmp_path / "out" / "b").read_text() == "old"
+
+
+def test_targets_that_cannot_be_written_are_named(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, no_picture: None
+) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    for target in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(ExportError, match="file"):
+            export(case[0], bot, case[1], target)
+    (tmp_path / "out" / "model.glb").mkdir(parents=True)
+    with pytest.raises(ExportError, match=r"model\.glb"):
+        export(case[0], bot, case[1], tmp_path / "out")
+    assert names(tmp_path / "out") == {"model.glb"}
+
+
+def test_an_estimate_of_another_scan_is_refused(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path
+) -> None:
+    with pytest.raises(ExportError, match=r"402 scan points, this scan has 50"):
+        export(case[0], bot, Scan(case[1].points[:50]), tmp_path / "out")
+    assert names(tmp_path) == set()
+
+
+def test_an_unknown_up_axis_is_refused(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path
+) -> None:
+    with pytest.raises(UnknownNameError, match="valid: x, y, z, -x, -y, -z"):
+        export(case[0], bot, case[1], tmp_path / "out", up="upwards")

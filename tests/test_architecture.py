@@ -1,0 +1,105 @@
+"""Imports go one way, from the command line down to the data types; only the command line prints."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "pwralign_kin"
+ROOT = Path(__file__).resolve().parent.parent / PACKAGE
+
+LEVELS = (
+    {"exceptions", "dependencies", "files", "se3", "state", "kernels"},
+    {"model", "scan"},
+    {"estimation", "simulation", "render"},
+    {"baselines", "tracking", "export"},
+    {"viewer", "batch", "benchmark"},
+    {"cli"},
+)
+LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
+
+ONLY_WHEN_CALLED = {
+    "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs", "rich",
+    "scipy", "trimesh", "xacrodoc", "yaml", "yourdfpy",
+}  # fmt: skip
+
+FILES = sorted(ROOT.rglob("*.py"))
+
+
+def _unit(path: Path) -> str:
+    """Name of the module or subpackage directly below the package that a file belongs to."""
+    return path.relative_to(ROOT).with_suffix("").parts[0]
+
+
+def _imported(node: ast.AST) -> Iterator[str]:
+    """Absolute names of what a node imports, each import of several names one by one."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        assert node.level == 0, "imports are absolute"
+        yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _at_top_level(tree: ast.Module) -> Iterator[ast.AST]:
+    """Statements that run on import: not those in functions, nor those for the type checker only."""
+    pending: list[ast.AST] = list(tree.body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            continue
+        yield node
+        pending.extend(ast.iter_child_nodes(node))
+
+
+def _id(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", FILES, ids=_id)
+def test_imports_go_down_only(path: Path) -> None:
+    importer = _unit(path)
+    if importer == "__init__":
+        return
+    assert importer in LEVEL, f"{importer} has no level yet"
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for name in _imported(node):
+            package, _, rest = name.partition(".")
+            if package != PACKAGE or not rest:
+                continue
+            imported = rest.partition(".")[0]
+            lowest = LEVEL[importer] == 0
+            assert (
+                imported == importer
+                or LEVEL[imported] < LEVEL[importer]
+                or (lowest and LEVEL[imported] == 0)
+            ), f"line {node.lineno}: {importer} must not import {imported}"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("path", FILES, ids=_id)
+def test_heavy_libraries_load_only_when_used(path: Path) -> None:
+    if path.is_relative_to(ROOT / "cli") and path.name != "__init__.py":
+        allowed = {"cyclopts"}  # a verb's module is itself imported only when the verb is called
+    else:
+        allowed = set()
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    loaded = {name.partition(".")[0] for node in _at_top_level(tree) for name in _imported(node)}
+    assert not loaded & (ONLY_WHEN_CALLED - allowed)
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if _unit(path) != "cli"], ids=_id)
+def test_the_library_neither_prints_nor_exits(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            assert called not in {"print", "exit", "quit", "sys.exit", "os._exit", "breakpoint"}, node.lineno
+            assert not called.startswith(("sys.stdout.", "sys.stderr.", "warnings.warn")), node.lineno
+
+
+def test_every_module_has_a_level_and_every_level_is_checked() -> None:
+    assert {_unit(path) for path in FILES} - {"__init__"} <= set(LEVEL)
+    assert len(FILES) > 20

@@ -1,0 +1,211 @@
+"""Pictures: what is where, what hides what, and how views are chosen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.model import ArticulatedModel, articulated_model
+from pwralign_kin.render import (
+    PosedMesh,
+    View,
+    corner_normals,
+    default_views,
+    draw,
+    part_colours,
+    posed_mesh,
+    render,
+)
+from pwralign_kin.scan import Scan
+from pwralign_kin.state import State
+
+SIZE = (160, 120)
+
+TWO_BOXES = """<robot name="two">
+<link name="base"><visual><geometry><box size="0.4 0.4 0.4"/></geometry></visual></link>
+<link name="arm"><visual><geometry><box size="0.2 0.2 0.2"/></geometry></visual></link>
+<joint name="lift" type="prismatic"><origin xyz="0 0 0.3"/><parent link="base"/><child link="arm"/>
+<axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+FRONT = View(np.array([4.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 1.0]), np.radians(15.0))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> ArticulatedModel:
+    path = tmp_path_factory.mktemp("robot") / "two.urdf"
+    path.write_text(TWO_BOXES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PWRALIGN_CACHE_DIR", str(path.parent))
+        patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
+        patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+        return ArticulatedModel.from_urdf(path)
+
+
+def drawn(picture: np.ndarray) -> np.ndarray:
+    """Where the picture is not background."""
+    return (picture != 255).any(axis=2)
+
+
+def hue_of(colour: np.ndarray) -> np.ndarray:
+    """The direction of a colour away from grey."""
+    linear = (np.asarray(colour, dtype=float) / 255.0) ** 2.2
+    tint = linear - linear.mean()
+    return tint / np.linalg.norm(tint)
+
+
+def scan_at(*places: tuple[float, float, float]) -> Scan:
+    """Ten points within a hair of each place (a scan needs ten)."""
+    spread = np.random.default_rng(0).normal(scale=1e-4, size=(10, 3))
+    return Scan(np.concatenate([place + spread for place in np.array(places)]))
+
+
+def test_every_part_shows_in_its_colour_on_white(model: ArticulatedModel) -> None:
+    picture = render(model, State(), size=SIZE, view=FRONT)
+    assert picture.shape == (120, 160, 3)
+    assert picture.dtype == np.uint8
+    assert (picture[0] == 255).all()
+    assert (picture[:, 0] == 255).all()
+    base, arm = 255.0 * part_colours(2)
+    assert hue_of(picture[80, 80]) @ hue_of(base) > 0.99
+    assert hue_of(picture[36, 80]) @ hue_of(arm) > 0.99
+
+
+def test_the_picture_follows_the_state(model: ArticulatedModel) -> None:
+    low = drawn(render(model, State(), size=SIZE, view=FRONT))
+    high = drawn(render(model, State(joints={"lift": 0.1}), size=SIZE, view=FRONT))
+    moved = np.eye(4)
+    moved[:3, 3] = [0.0, 0.1, 0.0]
+    aside = drawn(render(model, State(moved), size=SIZE, view=FRONT))
+    pixels_per_metre = 60.0 / np.tan(np.radians(7.5)) / 3.85
+    assert np.argmax(low.any(axis=1)) - np.argmax(high.any(axis=1)) == pytest.approx(0.1 * pixels_per_metre, abs=1.5)
+    # Seen from +x with z up, +y lies to the right.
+    assert np.argmax(aside.any(axis=0)) - np.argmax(low.any(axis=0)) == pytest.approx(0.1 * pixels_per_metre, abs=1.5)
+
+
+def test_points_show_in_front_and_not_behind(model: ArticulatedModel) -> None:
+    bare = render(model, State(), size=SIZE, view=FRONT).astype(int)
+    front = render(model, State(), scan_at((0.2, 0.0, 0.0)), size=SIZE, view=FRONT).astype(int)
+    just_behind = render(model, State(), scan_at((0.195, 0.0, 0.0)), size=SIZE, view=FRONT).astype(int)
+    behind = render(model, State(), scan_at((-0.2, 0.0, 0.0)), size=SIZE, view=FRONT).astype(int)
+    assert np.array_equal(behind, bare)
+    for picture in (front, just_behind):
+        changed = (picture != bare).any(axis=2)
+        assert 1 <= changed.sum() < 40
+        assert (picture[changed].sum(axis=1) < bare[changed].sum(axis=1)).all()
+
+
+def test_points_off_the_model_are_pale(model: ArticulatedModel) -> None:
+    picture = render(model, State(), scan_at((0.0, 0.35, 0.0)), size=SIZE, view=FRONT)
+    bare = render(model, State(), size=SIZE, view=FRONT)
+    changed = (picture != bare).any(axis=2)
+    assert changed.any()
+    assert picture[changed].min() > 120
+
+
+def test_dense_scans_do_not_bury_the_model(model: ArticulatedModel) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([np.full(20000, 0.2), rng.uniform(-0.2, 0.2, (20000, 2))])
+    bare = render(model, State(), size=SIZE, view=FRONT)
+    picture = render(model, State(), Scan(points), size=SIZE, view=FRONT)
+    darkened = picture.sum(axis=2) < 0.8 * bare.sum(axis=2)
+    assert 0.05 < darkened.sum() / drawn(bare).sum() < 0.35
+
+
+def test_the_same_picture_comes_out_twice(model: ArticulatedModel) -> None:
+    scan = scan_at((0.2, 0.0, 0.0), (0.0, 0.2, 0.0))
+    assert np.array_equal(render(model, State(), scan, size=SIZE), render(model, State(), scan, size=SIZE))
+
+
+@pytest.mark.parametrize("size", [(160, 120), (90, 160)])
+@pytest.mark.parametrize("up", np.eye(3).tolist())
+def test_default_views_hold_the_whole_model(model: ArticulatedModel, size: tuple[int, int], up: list[float]) -> None:
+    mesh = posed_mesh(model, State(joints={"lift": 0.7}))
+    views = default_views(mesh, size=size, up=np.array(up))
+    for view in views:
+        shown = drawn(draw(mesh, view, size=size))
+        assert not shown[[0, -1]].any()
+        assert not shown[:, [0, -1]].any()
+        rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
+        assert max(np.ptp(rows) / size[1], np.ptp(columns) / size[0]) > 0.8
+    first, second = (view.axes()[2] for view in views)
+    assert first @ second < 0.8
+
+
+def test_the_first_view_is_the_sensors(model: ArticulatedModel) -> None:
+    mesh = posed_mesh(model, State())
+    origin = np.array([0.5, -2.0, 1.0])
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    view, _ = default_views(mesh, Scan(points, sensor_origin=origin), size=SIZE)
+    assert np.array_equal(view.eye, origin)
+    shown = drawn(draw(mesh, view, size=SIZE))
+    assert shown.any()
+    assert not shown[[0, -1]].any()
+    assert not shown[:, [0, -1]].any()
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (0.3, 0.0, 0.0), (0.0, 0.0, 3.0)])
+def test_a_sensor_within_or_above_the_model_still_gives_a_view(
+    model: ArticulatedModel, origin: tuple[float, float, float]
+) -> None:
+    mesh = posed_mesh(model, State())
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    for view in default_views(mesh, Scan(points, sensor_origin=origin), size=SIZE):
+        assert drawn(draw(mesh, view, size=SIZE)).any()
+
+
+def test_a_scan_without_visible_points_is_drawn(model: ArticulatedModel) -> None:
+    far_away = scan_at((100.0, 0.0, 0.0))
+    bare = render(model, State(), size=SIZE, view=FRONT)
+    assert np.array_equal(render(model, State(), far_away, size=SIZE, view=FRONT), bare)
+
+
+def test_neighbouring_colours_differ() -> None:
+    colours = part_colours(40)
+    assert colours.min() >= 0.0
+    assert colours.max() <= 1.0
+    assert np.linalg.norm(np.diff(colours, axis=0), axis=1).min() > 0.2
+
+
+def test_normals_are_flat_on_a_box_and_smooth_on_a_ball() -> None:
+    box = trimesh.creation.box()
+    normals = corner_normals(box.vertices, box.faces)
+    assert np.allclose(normals, box.face_normals[:, None])
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    normals = corner_normals(ball.vertices, ball.faces)
+    assert np.einsum("fci,fci->fc", normals, ball.vertices[ball.faces]).min() > 0.999
+    apart = ball.vertices[ball.faces].reshape(-1, 3)  # an STL shares no vertices
+    assert np.allclose(corner_normals(apart, np.arange(len(apart)).reshape(-1, 3)), normals)
+
+
+def test_normals_do_not_cancel_where_the_winding_flips() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    faces = ball.faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    assert np.allclose(np.linalg.norm(corner_normals(ball.vertices, faces), axis=2), 1.0)
+
+
+def test_a_far_scan_frame_costs_no_precision() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    shift = np.array([5000.0, -3000.0, 800.0])
+    pictures = []
+    for offset in (np.zeros(3), shift):
+        mesh = PosedMesh(ball.vertices + offset, ball.faces, np.zeros(len(ball.faces), dtype=np.int64), ("ball",), 0.35)
+        pictures.append(draw(mesh, default_views(mesh, size=SIZE)[0], size=SIZE).astype(int))
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.5
+
+
+def test_mistakes_are_typed(model: ArticulatedModel) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'lift'"):
+        render(model, State(joints={"lft": 0.1}), size=SIZE, view=FRONT)
+    with pytest.raises(StateError, match="differ"):
+        render(model, State(), size=SIZE, view=View(FRONT.eye, FRONT.eye, FRONT.up, 0.3))
+
+
+def test_import_is_light() -> None:
+    source = Path(articulated_model.__file__).parents[1] / "render.py"
+    top_level = [line for line in source.read_text().splitlines() if line.startswith(("import", "from"))]
+    assert not any(name in line for line in top_level for name in ("open3d", "scipy", "trimesh", "matplotlib"))
