@@ -57,6 +57,7 @@ def _app() -> App:
         help="A URDF and a scan in; the model's base placement and every joint value out.",
         help_epilogue="Exit codes: 0 ok, 1 bad input, 2 usage, 3 ran but with low confidence.",
         help_format="plaintext",
+        suppress_keyboard_interrupt=False,
         version=_version,
     )
     for place, (verb, summary) in enumerate(VERBS.items()):

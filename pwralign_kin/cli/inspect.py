@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pwralign_kin.cli import arguments, messages
@@ -49,7 +50,7 @@ def _missing(error: MissingMeshError) -> str:
 
 def _described(model: ArticulatedModel) -> str:
     pieces = [
-        f"{model.name}: {len(model.parts)} parts, {len(model.joint_names)} joints, "
+        f"{model.name}: {_count(model.parts, 'part')}, {_count(model.joint_names, 'joint')}, "
         f"{_length(model.diagonal)} across, root link {model.root_link}",
         _parts(model),
     ]
@@ -115,6 +116,10 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
         ("normals", "none" if scan.normals is None else "given"),
     ]
     return table(("scan", scan.source), rows)
+
+
+def _count(things: Sequence[object], name: str) -> str:
+    return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
 
 
 def _length(metres: float) -> str:

@@ -46,15 +46,16 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
                 continue
             done.add(key)
-            moves = repair_moves(search, solution, options, turn=turn and round_ == 0)
-            if moves is not None:
-                moved.append(search.scored(moves)[0].best_first().take(slice(options.refined)))
+            tried = repair_moves(search, solution, options, turn=turn and round_ == 0)
+            if tried is not None:
+                moved.append(search.scored(tried)[0].best_first().take(slice(options.refined)))
         if not moved:
             break
-        refined = search.refined(Candidates.concatenate(moved), iterations=10)
-        solutions = search.distinct(
-            Candidates.concatenate([solutions, search.scored(refined)[0]]), options.solutions
-        )
+        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
+        moves = Candidates.concatenate(moved)
+        refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
+        found = search.scored(Candidates.concatenate(refined))[0]
+        solutions = search.distinct(Candidates.concatenate([solutions, found]), options.solutions)
     return solutions
 
 
@@ -75,6 +76,7 @@ def repair_moves(search: TreeSearch, solution: Candidates, options: RepairOption
         moves.append(search.grow(_placed(roots, placements[roots])))
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
+    moves.append(_swept(search, solution))
     if turn:
         moves += _turned(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
@@ -137,6 +139,16 @@ def _regrow(
             np.array(nexts, np.int32), np.tile(weights, (tasks, 1)), keep,
         )
     )  # fmt: skip
+
+
+def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
+    """Sweep every joint on its own, once with what hangs on it moving and once with all the rest moving."""
+    joints = solution.values.shape[1]
+    joint = np.tile(np.arange(joints, dtype=np.int32), 2)
+    base_moves = np.repeat(np.array([0, 1], np.uint8), joints)
+    return Candidates(
+        *search.native.sweep(solution.bases, solution.values, np.zeros(2 * joints, np.int32), joint, base_moves, 3)
+    )
 
 
 def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:

@@ -29,36 +29,40 @@ _STEP = 1e-4  # of the diagonal: how far off the surface its two sides are looke
 _SEEN = 0.05  # a place is seen from outside where more of its half sphere is free
 _EVEN = 0.1  # difference in openness up to which neither side counts as the outer one
 _SPACING = 0.02  # of the diagonal: large faces are looked at in as many places
-_MOST_PLACES = 50  # per face
+_MOST_PLACES = 2000  # per face
+_REACH = 0.01  # of the diagonal: how far around a hidden place the surface is searched for hidden faces
 _CHUNK = 20_000
 
 
 def signed_distances(mesh: PosedMesh, points: Array) -> Array:
     """Return the distance (n,) of points (n, 3) to the posed model's visible surface, m, positive outside.
 
-    Neither closed meshes nor consistent normals are needed; rays tell what is outside. Faces from which hardly
-    any ray leaves the model on either side (walls and fittings within a hollow link) cannot have been scanned
-    and do not count. On the line through a point and its closest place on the other faces, rays go out from
-    just before and just behind that place, and the side where more of them leave is the outer one. A sheet
-    without thickness, as open on one side as on the other, takes the sign from its face normals.
+    Neither closed meshes nor consistent normals are needed: rays tell what is outside. On the line through a
+    point and its closest place on the surface, rays go out from just before and just behind that place, and
+    the side where more of them leave the model is the outer one. Where hardly any do on either side (walls
+    and fittings within a hollow link) the place cannot have been scanned, and the closest place on faces that
+    can be seen counts instead. A sheet without thickness, as open on one side as on the other, takes the sign
+    from its face normals.
     """
-    visible = _visible_faces(mesh)
-    surface = RayScene(mesh.vertices - mesh.centre, mesh.faces[visible]) if visible.any() else mesh.scene
     local = np.asarray(points, dtype=np.float64) - mesh.centre
-    distances = np.empty(len(local))
-    for rows in _chunks(len(local)):
-        closest, normals, _ = surface.closest(local[rows])
-        offsets = local[rows] - closest
-        length = np.linalg.norm(offsets, axis=1)
-        off_surface = length > 1e-6 * mesh.diagonal
-        towards = np.where(
-            off_surface[:, None], offsets / np.where(off_surface, length, 1.0)[:, None], normals
-        )
-        front, back = _open_sides(mesh, closest, towards)
-        by_normal = np.where(np.einsum("ni,ni->n", towards, normals) < 0.0, -1.0, 1.0)
-        sign = np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
-        distances[rows] = sign * length
-    return distances
+    if not len(local):
+        return np.empty(0)
+    closest, normals, faces = mesh.scene.closest(local)
+    front, back = _open_sides(mesh, closest, _towards(local, closest, normals))
+    unseen = np.flatnonzero(np.maximum(front, back) < _SEEN)
+    left = np.ones(len(mesh.faces), dtype=bool)
+    left[_hidden_faces(mesh, local[unseen], faces[unseen])] = False
+    if len(unseen) and left.any():
+        rest = RayScene(mesh.vertices - mesh.centre, mesh.faces[left])
+        closest[unseen], normals[unseen], _ = rest.closest(local[unseen])
+        towards = _towards(local[unseen], closest[unseen], normals[unseen])
+        front[unseen], back[unseen] = _open_sides(mesh, closest[unseen], towards)
+
+    # A place on an edge is closest only to points outside; elsewhere the offset lies along the normal.
+    along = np.einsum("ni,ni->n", _towards(local, closest, normals), normals)
+    by_normal = np.where(along < -0.999, -1.0, 1.0)
+    sign = np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
+    return np.asarray(sign * np.linalg.norm(local - closest, axis=1))
 
 
 def write_deviation_ply(
@@ -108,25 +112,42 @@ def _figures(distances: Array) -> tuple[float, float, float, float]:
     )
 
 
-def _visible_faces(mesh: PosedMesh) -> NDArray[np.bool_]:
-    """Return which faces (f,) are seen from outside the posed model in at least one of several places."""
+def _hidden_faces(mesh: PosedMesh, local: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the faces around points (n, 3) that cannot be seen from outside; `faces` (n,) are closest."""
+    from scipy.spatial import cKDTree
+
+    if not len(local):
+        return faces
+    places, owner, normals = _spread(mesh)
+    near, _ = cKDTree(local).query(places, distance_upper_bound=_REACH * mesh.diagonal)
+    suspects = np.union1d(owner[np.isfinite(near)], faces)
+    looked_at = np.isin(owner, suspects)
+    places, owner = places[looked_at], owner[looked_at]
+    openness = np.maximum(*_open_sides(mesh, places, normals[owner]))
+    return np.setdiff1d(suspects, owner[openness >= _SEEN])
+
+
+def _spread(mesh: PosedMesh) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return places (n, 3) all over the mesh, on every face at least one, their faces (n,), face normals."""
     corners = mesh.vertices[mesh.faces] - mesh.centre
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_area = np.linalg.norm(normals, axis=1)
     normals /= np.where(double_area > 0.0, double_area, 1.0)[:, None]
     counts = np.clip(np.ceil(double_area / (_SPACING * mesh.diagonal) ** 2), 1, _MOST_PLACES).astype(np.int64)
-    face = np.repeat(np.arange(len(counts)), counts)
-    number = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
-    # The centroid, then the sequence of the plastic number, folded into the triangle.
+    owner = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    # The centroid first, then the sequence of the plastic number, folded into the triangle.
     weights = (1.0 / 3.0 + number[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
     weights = np.where(weights.sum(axis=1, keepdims=True) > 1.0, 1.0 - weights, weights)
-    visible = np.zeros(len(counts), dtype=bool)
-    for rows in _chunks(len(face)):
-        own, along = corners[face[rows]], weights[rows, :, None]
-        places = own[:, 0] + (along * (own[:, 1:] - own[:, :1])).sum(axis=1)
-        seen = np.maximum(*_open_sides(mesh, places, normals[face[rows]])) >= _SEEN
-        visible[face[rows][seen]] = True
-    return visible
+    edges = corners[owner, 1:] - corners[owner, :1]
+    return corners[owner, 0] + np.einsum("ne,nei->ni", weights, edges), owner, normals
+
+
+def _towards(local: Array, closest: Array, normals: Array) -> Array:
+    """Return unit directions (n, 3) from closest places to points, normals where they coincide."""
+    offsets = local - closest
+    length = np.linalg.norm(offsets, axis=1, keepdims=True)
+    return np.where(length > 1e-7, offsets / np.maximum(length, 1e-7), normals)
 
 
 def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, Array]:
@@ -136,20 +157,19 @@ def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, 
     relative to the centre of the mesh.
     """
     directions = _sphere(_DIRECTIONS)
-    ahead = np.einsum("ni,ki->nk", towards, directions) > 0.0
-    step = _STEP * mesh.diagonal * towards
-    rays = np.empty((len(places), _DIRECTIONS, 6), dtype=np.float32)
-    rays[..., :3] = np.where(ahead[..., None], (places + step)[:, None], (places - step)[:, None])
-    rays[..., 3:] = directions
-    free = ~mesh.scene.blocked(rays)
-    front = (free & ahead).sum(axis=1) / np.maximum(ahead.sum(axis=1), 1)
-    back = (free & ~ahead).sum(axis=1) / np.maximum((~ahead).sum(axis=1), 1)
+    front, back = np.empty(len(places)), np.empty(len(places))
+    for start in range(0, len(places), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        ahead = towards[rows] @ directions.T > 0.0
+        step = _STEP * mesh.diagonal * towards[rows]
+        before, behind = (places[rows] + step).astype(np.float32), (places[rows] - step).astype(np.float32)
+        rays = np.empty((*ahead.shape, 6), dtype=np.float32)
+        rays[..., :3] = np.where(ahead[..., None], before[:, None], behind[:, None])
+        rays[..., 3:] = directions
+        free = ~mesh.scene.blocked(rays)
+        front[rows] = (free & ahead).sum(axis=1) / np.maximum(ahead.sum(axis=1), 1)
+        back[rows] = (free & ~ahead).sum(axis=1) / np.maximum((~ahead).sum(axis=1), 1)
     return front, back
-
-
-def _chunks(count: int) -> list[slice]:
-    """Return slices of bounded length that cover `count` rows."""
-    return [slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK)]
 
 
 def _sphere(count: int) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pwralign_kin import files
 from pwralign_kin.estimation.estimate import Estimate
-from pwralign_kin.render import POINT_FAR, POINT_NEAR, PosedMesh, View, default_views, draw, part_colours
+from pwralign_kin.render import POINT_FAR, POINT_NEAR, PosedMesh, View, default_views, draw
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 
@@ -63,7 +63,7 @@ def _legend(estimate: Estimate, mesh: PosedMesh) -> list[Entry]:
     """Return text, colour, whether it is a dot, and ink of every entry: parts with geometry, then dots."""
     shown = np.bincount(mesh.face_part, minlength=len(mesh.parts)) > 0
     entries: list[Entry] = []
-    for name, colour in zip(np.array(mesh.parts)[shown], part_colours(len(mesh.parts))[shown], strict=True):
+    for name, colour in zip(np.array(mesh.parts)[shown], mesh.colours[shown], strict=True):
         part = estimate.parts.get(str(name))
         seen = part is not None and part.points > 0
         entries.append(
@@ -104,7 +104,7 @@ def _panel_sizes(mesh: PosedMesh, views: tuple[View, View]) -> list[tuple[int, i
     """Return the sizes of the panels: one above the other if both views are wide, else side by side."""
     shapes = []
     for view in views:
-        in_axes = (mesh.vertices - view.eye) @ view.axes().T
+        in_axes = (mesh.outline - view.eye) @ view.axes().T
         wide, high = np.ptp(in_axes[:, :2] / in_axes[:, 2:], axis=0)
         shapes.append(wide / max(high, 1e-9))
     if min(shapes) > 1.5:

@@ -31,7 +31,7 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
     already is an empty link `world` with fixed joints only, it is reused and their origins change; any other
     link of that name stays as it is and the new root gets another name. File names relative to the URDF are
     rewritten relative to `folder`, where the file will be read; `package://` names stay. What strict readers
-    demand and the URDF lacks (the robot's name, limits, effort and velocity) is filled in.
+    demand and the URDF lacks (the robot's name, limits, effort and velocity, axes of unit length) is mended.
 
     Raises `ModelError` when the URDF is gone since the model was read.
     """
@@ -102,9 +102,14 @@ def _mend(robot: Element, model: ArticulatedModel) -> None:
         if joint.get("type") not in ("revolute", "prismatic", "continuous"):
             continue
         as_read = mended[joint.get("name")]
-        axis, limit, known = joint.find("axis"), joint.find("limit"), as_read.find("limit")
-        if axis is not None and abs(math.hypot(*map(float, axis.get("xyz", "1").split())) - 1.0) > 1e-12:
-            axis.set("xyz", as_read.find("axis").get("xyz"))  # readers differ in what a longer axis means
+        axis, unit_axis = joint.find("axis"), as_read.find("axis")
+        if (
+            axis is not None
+            and unit_axis is not None
+            and math.dist(_numbers(axis), _numbers(unit_axis)) > 1e-12
+        ):
+            axis.set("xyz", unit_axis.get("xyz", ""))  # readers differ in what a longer axis means
+        limit, known = joint.find("limit"), as_read.find("limit")
         if limit is None and known is not None:
             limit = etree.SubElement(joint, "limit")
         if limit is None:  # a continuous joint needs none
@@ -151,6 +156,10 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     pitch = math.atan2(-R[2, 0], cosine * R[0, 0] + sine * R[1, 0])
     roll = math.atan2(sine * R[0, 2] - cosine * R[1, 2], cosine * R[1, 1] - sine * R[0, 1])
     return roll, pitch, yaw
+
+
+def _numbers(axis: Element) -> list[float]:
+    return [float(word) for word in axis.get("xyz", "").replace(",", " ").split()]
 
 
 def _text(numbers: Iterable[float]) -> str:

@@ -35,16 +35,17 @@ struct Surface {
 
     int count(int most) const { return std::min<int>(most, int(p.size())); }
 
-    // Closest dense sample of a local position and the distance to the surface there; -1 beyond the grid's band.
-    int closest(Vec local, float &distance) const {
+    // Closest dense sample of a local position; -1 beyond the grid's band. The surface is taken as a disc of radius
+    // `slack` around each sample: `aside` is how far beyond its rim the position lies, `distance` that to the disc.
+    int closest(Vec local, float &distance, float &aside) const {
         const float x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
                     z = (local.z - grid_origin.z) / cell;
         if (x < 0 || y < 0 || z < 0 || x >= dims[0] || y >= dims[1] || z >= dims[2]) return -1;
         const uint16_t sample = grid[(int64_t(x) * dims[1] + int(y)) * dims[2] + int(z)];
         if (sample == none) return -1;
         const Vec d = local - dense[sample].p;
-        const float plane = dot(d, dense[sample].n), squared = dot(d, d);
-        const float aside = std::sqrt(std::max(0.f, squared - plane * plane)) - slack;
+        const float plane = dot(d, dense[sample].n);
+        aside = std::max(0.f, std::sqrt(std::max(0.f, dot(d, d) - plane * plane)) - slack);
         distance = aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
         return sample;
     }

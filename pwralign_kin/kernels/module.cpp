@@ -303,6 +303,22 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, grown);
         }, "bases"_a, "values"_a, "configuration"_a, "start"_a, "next"_a, "weights"_a, "keep"_a)
+        .def("sweep", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves, int keep) {
+            const auto from = read_configurations(self.model, bases, values);
+            require(joint.shape(0) == configuration.shape(0) && base_moves.shape(0) == configuration.shape(0), "the arrays of the tasks differ in length");
+            std::vector<SweepTask> tasks;
+            for (size_t t = 0; t < configuration.shape(0); ++t) {
+                const int c = configuration.data()[t], j = joint.data()[t];
+                require(c >= 0 && c < int(from.size()) && j >= 0 && j < self.model.joints, "a task names something that does not exist");
+                tasks.push_back({c, j, base_moves.data()[t] != 0});
+            }
+            std::vector<Configuration> found;
+            {
+                nb::gil_scoped_release release;
+                found = self.sweep(from, tasks, keep);
+            }
+            return write_configurations(self.model, found);
+        }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "keep"_a)
         .def("score", [](const Search &self, Placements bases, Matrix values, float coverage_distance) {
             auto configurations = read_configurations(self.model, bases, values);
             std::vector<float> coverage, support, total;

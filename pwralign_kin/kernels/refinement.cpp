@@ -27,10 +27,16 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
         if (p < 0) continue;
         const OrientedPoint &s = model.surface[p].dense[a.sample[i]];
         const Vec surface_normal = rotate(F[p], s.n), foot = apply(F[p], s.p);
-        const float residual = dot(sampled[i].p - foot, surface_normal);
-        const float kernel = squared / (squared + residual * residual);
+        const Vec offset = sampled[i].p - foot;
+        const float residual = dot(offset, surface_normal), distance = a.distance[i];
+        const float kernel = squared / (squared + distance * distance);
         const float agreement = std::abs(dot(surface_normal, sampled[i].n));
-        normal[p].add_plane(foot - centre, surface_normal, residual, kernel * kernel * (.1f + .9f * agreement) / points);
+        const float w = kernel * kernel * (.1f + .9f * agreement) / points;
+        normal[p].add_plane(foot - centre, surface_normal, residual, w);
+        // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
+        const Vec along = offset - residual * surface_normal;
+        const float length = norm(along), aside = length - model.surface[p].slack;
+        if (aside > 0) normal[p].add_plane(foot - centre, (1 / length) * along, aside, w);
     }
     if (support_weight > 0)
         for (int p = 0; p < n; ++p) {

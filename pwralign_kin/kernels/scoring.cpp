@@ -5,6 +5,13 @@ namespace pwr {
 // The part whose surface is nearest to each point: bounding spheres first, then the parts' closest-sample grids.
 Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                           float cap) const {
+    Assignment a;
+    a.distance.assign(count, cap), a.part.assign(count, -1), a.sample.assign(count, -1);
+    assign_more(points, stride, T, mask, a);
+    return a;
+}
+
+void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const {
     struct Placed {
         int part;
         RigidF T;
@@ -17,32 +24,30 @@ Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, cons
             const RigidF F = to_float(T[p]);
             placed.push_back({p, F, apply(F, model.surface[p].centre), model.surface[p].radius});
         }
-    Assignment a;
-    a.distance.assign(count, cap), a.part.assign(count, -1), a.sample.assign(count, -1);
-    for (int64_t i = 0; i < count; ++i) {
+    for (int64_t i = 0; i < int64_t(a.distance.size()); ++i) {
         const Vec point = points[i * stride];
-        float best = cap;
+        float best = a.distance[i];
         for (const Placed &p : placed) {
             const Vec d = point - p.centre;
             const float reach = p.radius + best;
             if (dot(d, d) > reach * reach) continue;
-            float distance;
-            const int sample = model.surface[p.part].closest(apply_inverse(p.T, point), distance);
+            float distance, aside;
+            const int sample = model.surface[p.part].closest(apply_inverse(p.T, point), distance, aside);
             if (sample >= 0 && distance < best) best = distance, a.part[i] = p.part, a.sample[i] = sample;
         }
         a.distance[i] = best;
     }
-    return a;
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
-float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
+float Search::coverage(const Assignment &a, const std::vector<OrientedPoint> &points, const std::vector<RigidF> &T,
+                       float distance) const {
     float sum = 0;
     for (size_t i = 0; i < a.distance.size(); ++i) {
         if (a.part[i] < 0 || a.distance[i] >= distance) continue;
         const Vec n = rotate(T[a.part[i]], model.surface[a.part[i]].dense[a.sample[i]].n);
         const float share = a.distance[i] / distance;
-        sum += (1 - share * share) * (.6f + .4f * std::abs(dot(n, field.points[i].n)));
+        sum += (1 - share * share) * (.6f + .4f * std::abs(dot(n, points[i].n)));
     }
     return sum / float(a.distance.size());
 }
@@ -100,6 +105,20 @@ float Search::violation(int part, const RigidF &T, float distance) const {
     return sum / s.cumulated[count];
 }
 
+// The two-way score from coverage and ownership; `support` (parts) is filled in.
+float Search::total_score(float covered, const std::vector<int> &owner, const std::vector<RigidF> &T,
+                          float coverage_distance, float *support) const {
+    const float support_distance = 1.2f * coverage_distance;
+    float total = 0;
+    for (int p = 0; p < model.parts; ++p) {
+        support[p] = 0;
+        if (!model.surface[p].exists) continue;
+        support[p] = field.has_origin ? violation(p, T[p], support_distance) : exclusive_support(p, T[p], owner, support_distance);
+        total += model.surface[p].weight * (field.has_origin ? support[p] : std::max(support[p], options.absent_floor));
+    }
+    return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
+}
+
 void Search::score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &covered,
                    std::vector<float> &support) const {
     const int n = model.parts;
@@ -107,23 +126,65 @@ void Search::score(std::vector<Configuration> &configurations, float coverage_di
     support.assign(configurations.size() * n, 0.f);
     std::vector<uint8_t> mask(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
-    const float support_distance = 1.2f * coverage_distance;
     parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
         std::vector<Rigid> T(n);
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
         const Assignment a = assign(&field.points[0].p, int64_t(field.points.size()), 2, T.data(), mask.data(), options.band);
-        covered[c] = coverage(a, F, coverage_distance);
-        float total = 0;
-        for (int p = 0; p < n; ++p) {
-            if (!mask[p]) continue;
-            float &value = support[c * n + p];
-            value = field.has_origin ? violation(p, F[p], support_distance) : exclusive_support(p, F[p], a.part, support_distance);
-            total += model.surface[p].weight * (field.has_origin ? value : std::max(value, options.absent_floor));
-        }
-        configurations[c].score = covered[c] * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
+        covered[c] = coverage(a, field.points, F, coverage_distance);
+        configurations[c].score = total_score(covered[c], a.part, F, coverage_distance, &support[c * n]);
     });
+}
+
+std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
+                                         int keep) const {
+    const int n = model.parts;
+    const int64_t count = int64_t(field.points.size());
+    std::vector<std::vector<Configuration>> found(tasks.size());
+    parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
+        const SweepTask &task = tasks[t];
+        const Configuration &c = from[task.configuration];
+        int child = 1;
+        while (model.actuated[child] != task.joint) ++child;
+        // With the base moving the first part on the joint stands still, and all that hangs rigidly on it.
+        std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
+        for (int p = 1; p < n; ++p)
+            hangs[p] = hangs[model.parent[p]] || (task.base_moves ? p == child : model.actuated[p] == task.joint);
+        for (int p = 0; p < n; ++p) {
+            const bool is_moving = task.base_moves ? !hangs[p] : hangs[p];
+            moves[p] = is_moving && model.surface[p].exists;
+            stays[p] = !is_moving && model.surface[p].exists;
+        }
+        std::vector<Rigid> T(n);
+        std::vector<RigidF> F(n);
+        model.forward(c.base, c.values.data(), T.data());
+        const Rigid held = T[child];
+        const Assignment before = assign(&field.points[0].p, count, 2, T.data(), stays.data(), options.band);
+        const Sweep &sweep = sweeps[child];
+        std::vector<float> row, support(n);
+        std::vector<Configuration> tried;
+        for (double value : sweep.values) {
+            Configuration moved{c.base, c.values, 0};
+            moved.values[task.joint] = value;
+            model.forward(moved.base, moved.values.data(), T.data());
+            if (task.base_moves) {
+                moved.base = held * inverse(T[child]) * moved.base;
+                model.forward(moved.base, moved.values.data(), T.data());
+            }
+            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+            Assignment a = before;
+            assign_more(&field.points[0].p, 2, T.data(), moves.data(), a);
+            moved.score = total_score(coverage(a, field.points, F, options.coverage_distance), a.part, F, options.coverage_distance, support.data());
+            row.push_back(moved.score);
+            tried.push_back(std::move(moved));
+        }
+        const int steps = int(row.size()), window = std::min(2, steps / 8);
+        for (int v : best_modes(row, keep, window, sweep.circular)) found[t].push_back(tried[v]);
+    });
+    std::vector<Configuration> out;
+    for (auto &f : found) out.insert(out.end(), f.begin(), f.end());
+    return out;
 }
 
 } // namespace pwr

@@ -50,10 +50,18 @@ struct Assignment {
     std::vector<int> part, sample; // -1 beyond the cap
 };
 
+struct SweepTask {
+    int configuration, joint; // an actuated joint
+    bool base_moves;          // what hangs on the joint moves, or else all the rest
+};
+
 struct RegrowTask {
     int configuration, start, next; // next: the neighbour of `start` whose side is grown anew; -1: all around `start`
     std::vector<float> weights;     // per part; parts of weight 0 are neither grown to nor taken as explaining
 };
+
+// The best `modes` of a row of scores, each the best within `window` of itself.
+std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular);
 
 class Search {
   public:
@@ -73,6 +81,9 @@ class Search {
     // The best `keep` configurations of each task, in task order.
     std::vector<Configuration> regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                       int keep) const;
+    // Sweep one actuated joint of whole configurations; the best `keep` modes of each task by the two-way score.
+    std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
+                                     int keep) const;
     // Two-way score of whole configurations; `support` is (m, parts).
     void score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &coverage,
                std::vector<float> &support) const;
@@ -84,6 +95,8 @@ class Search {
                     float support_weight, const float *part_weights, std::vector<Normal> &normal, Assignment &a) const;
     Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                       float cap) const;
+    // Offer further parts to an assignment.
+    void assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const;
 
     const Articulated &model;
     const ScanField &field;
@@ -122,7 +135,10 @@ class Search {
     bool leads_to_surface(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
-    float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
+    float coverage(const Assignment &a, const std::vector<OrientedPoint> &points, const std::vector<RigidF> &T,
+                   float distance) const;
+    float total_score(float covered, const std::vector<int> &owner, const std::vector<RigidF> &T,
+                      float coverage_distance, float *support) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 

@@ -43,8 +43,7 @@ bool Search::leads_to_surface(int node, int previous, const float *part_weights)
     return false;
 }
 
-// Keep the best `modes` of a row of scores, each the best within `window` of itself.
-static std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular) {
+std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular) {
     constexpr float taken = -1e9f;
     const int size = int(row.size());
     std::vector<int> chosen;

@@ -33,7 +33,7 @@ LARGEST = 100.0
 """A model wider than this (m) is warned about: its meshes may be in millimetres."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArticulatedModel:
     """A URDF as rigid parts in a tree of joints, with kinematics. Made by `from_urdf`; never changes."""
 
@@ -42,7 +42,7 @@ class ArticulatedModel:
     root_link: str
     """The link whose frame is the root frame; a state places it unless it names another link."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...] = field(repr=False)
     """parts[0] is the root; parents come before their children."""
 
     joint_names: tuple[str, ...]
@@ -83,13 +83,13 @@ class ArticulatedModel:
     content_key: str = field(repr=False)
     """Changes with the normalised URDF, the mesh files and the options, not with the folder they are in."""
 
-    graph: PartGraph = field(repr=False, compare=False)
+    graph: PartGraph = field(repr=False)
     """The parts as a graph walkable both ways."""
 
-    kinematics: Kinematics = field(repr=False, compare=False)
+    kinematics: Kinematics = field(repr=False)
     """Pinocchio's model of the URDF."""
 
-    T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False, compare=False)
+    T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False)
     """By link: the index of its part, and its (4, 4) placement in that part's frame."""
 
     @classmethod

@@ -83,7 +83,8 @@ class Kinematics:
         frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J = np.zeros((len(self.ids), 6, self.model.nv))
         for part, index in enumerate(self.ids[1:], start=1):
-            J[part] = pinocchio.getJointJacobian(self.model, data, int(index), frame)
+            # With a single velocity Pinocchio returns a vector.
+            J[part] = pinocchio.getJointJacobian(self.model, data, int(index), frame).reshape(6, -1)
         return np.roll(J, 3, axis=1) @ self._dv_du  # Pinocchio puts the linear rows first
 
     def _data(self) -> Any:

@@ -32,7 +32,7 @@ GREY = (0.7, 0.7, 0.7, 1.0)
 _READER = "geometry-1"  # part of the cache key: changes whenever the reading of meshes does
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Geometry:
     """The geometry of all links."""
 
@@ -44,7 +44,7 @@ class Geometry:
     """Content key of everything that it was read from."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """Triangles of one colour."""
 
@@ -71,9 +71,7 @@ def read_geometry(
     """
     shapes = {link.name: link.shapes for link in description.links if link.shapes}
     if not shapes:
-        raise ModelError(
-            path, "it has no geometry, neither visual nor collision, so there is nothing to align"
-        )
+        raise ModelError(path, "it has no geometry, neither visual nor collision: nothing to align")
     contents = _read_files(shapes, path, package_dirs)
     sources: list[str | bytes] = [_READER, importlib.metadata.version("trimesh"), mesh_units, repr(shapes)]
     for name, content in contents.items():
@@ -96,7 +94,11 @@ class _Content:
 
 
 def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path | None, list[Path]]:
-    """Return the file that `filename` in the URDF means (None: not found), and the paths tried."""
+    """Return the file that `filename` in the URDF means (None: not found), and the paths tried.
+
+    Packages are looked for in `package_dirs`, the folders above the URDF, and those that ROS names; of those
+    only the ones that hold a folder of the package's name count as tried.
+    """
     tried: list[Path] = []
     for candidate in _candidates(unquote(filename) if "://" in filename else filename, urdf, package_dirs):
         if candidate not in tried:
@@ -114,11 +116,12 @@ def _candidates(filename: str, urdf: Path, package_dirs: Sequence[Path]) -> Iter
     if separator and scheme in ("package", "model"):
         package, _, inside = rest.partition("/")
         for base in (*package_dirs, *above, *_ros_folders()):
-            yield base / package / inside
+            if (base / package).is_dir():
+                yield base / package / inside
             if base.name == package:
                 yield base / inside
         # a URDF that was copied out of its package, meshes beside it
-        yield from (base / inside for base in above)
+        yield from (base / inside for base in above if (base / inside).is_file())
     elif separator:
         yield folders[0] / rest.removeprefix("localhost")  # an absolute path replaces the folder
     else:
@@ -189,7 +192,8 @@ def _build(
     meshes: dict[str, list[Body]] = {}
     for name, content in contents.items():
         try:
-            meshes[name] = load_mesh(content.path, content.files, mesh_units, report)
+            with np.errstate(all="ignore"):  # absurd vertices give inf or NaN, which are dropped
+                meshes[name] = load_mesh(content.path, content.files, mesh_units, report)
         except Exception as error:  # parsers of foreign formats raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             report.faults.append(f"mesh {content.path} cannot be read ({reason})")
@@ -215,7 +219,7 @@ def _build(
                 (link, index, T, bodies[index].rgba or shape.rgba or GREY) for index in placed[identity]
             ]
     if not any(len(body.faces) for body in bodies):
-        raise ModelError(urdf, "its geometry holds no triangles, so there is nothing to align")
+        raise ModelError(urdf, "its geometry holds no triangles: nothing to align")
     links = list(shapes)
     return {
         "vertices": np.concatenate([body.vertices for body in bodies]),
@@ -284,13 +288,10 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
         process=False,
         ignore_broken=True,
     )
-    scale = 1.0
     unit = _dae_unit(files[path.name]) if path.suffix.lower() == ".dae" else 1.0
-    if abs(unit - 1.0) > 1e-9:
-        if mesh_units == "apply":
-            scale = unit
-        else:
-            report.units[path.name] = unit
+    if mesh_units == "ignore" and abs(unit - 1.0) > 1e-9:
+        report.units[path.name] = unit
+        unit = 1.0
     by_color: dict[tuple[float, ...] | None, list[tuple[Array, IntArray]]] = {}
     dropped = 0
     for node in scene.graph.nodes_geometry:
@@ -298,7 +299,7 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
         piece = scene.geometry[name]
         if not isinstance(piece, trimesh.Trimesh) or len(piece.faces) == 0:
             continue
-        vertices = se3.transform(np.asarray(T), np.asarray(piece.vertices, dtype=np.float64)) * scale
+        vertices = se3.transform(np.asarray(T), np.asarray(piece.vertices, dtype=np.float64)) * unit
         faces = np.asarray(piece.faces, dtype=np.int64)
         if np.linalg.det(np.asarray(T)[:3, :3]) < 0.0:
             faces = faces[:, ::-1]
@@ -308,7 +309,7 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
     if not by_color:
         raise ValueError("it holds no triangles")
     if dropped:
-        report.degenerate[path.name] = dropped
+        report.degenerate[path.name] = report.degenerate.get(path.name, 0) + dropped
     bodies = [_joined(pieces, color) for color, pieces in by_color.items()]
     return [body for body in bodies if len(body.faces)]
 
@@ -333,13 +334,11 @@ def _color(visual: Any) -> tuple[float, ...] | None:
 
 def _clean(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, int]:
     """Merge equal vertices and drop triangles without area or with vertices that are not finite."""
-    usable = np.isfinite(vertices.sum(axis=1))
     kept = faces[((faces >= 0) & (faces < len(vertices))).all(axis=1)]
-    kept = kept[usable[kept].all(axis=1)]
     a, b, c = (vertices[kept[:, corner]] for corner in range(3))
     doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    longest = np.sqrt(np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]))
-    kept = kept[np.asarray(doubled_area > 1e-7 * longest**2)]
+    longest_squared = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
+    kept = kept[(doubled_area > 1e-7 * longest_squared) & (doubled_area < np.inf)]  # NaN passes neither
     return *_merged(vertices, kept), len(faces) - len(kept)
 
 

@@ -15,7 +15,7 @@ from pwralign_kin.se3 import Array
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Visual:
     """One coloured piece of a link's geometry."""
 
@@ -35,7 +35,7 @@ class Visual:
     """(4,) colour, each in [0, 1]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MovingJoint:
     """The joint between a part and its parent.
 
@@ -63,7 +63,7 @@ class MovingJoint:
     """value = multiplier * (actuated value) + offset, rad or m."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """Links that move as one."""
 
@@ -141,7 +141,7 @@ class PartGraph:
         return tuple(sorted(inside))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Weld:
     """A part before its geometry is known: links, and how it hangs from its parent."""
 

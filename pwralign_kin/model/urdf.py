@@ -320,7 +320,11 @@ class _Reader:
                 self.faults.append(f"{where}: <{element.tag}> lacks {attribute}")
             return tuple(default or [0.0] * count)
         values = _floats(text)
-        if values is None or len(values) != count or not all(abs(value) <= LARGEST_NUMBER for value in values):
+        if (
+            values is None
+            or len(values) != count
+            or not all(abs(value) <= LARGEST_NUMBER for value in values)
+        ):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
             self.faults.append(f"{where}: {attribute}={text!r} of <{element.tag}> is not {wanted}")
             return (0.0,) * count

@@ -41,7 +41,9 @@ BOT = """<?xml version="1.0"?>
             <geometry><mesh filename="meshes/wedge.stl"/></geometry>
         </visual>
     </link>
-    <link name="arm"><visual><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.05 0.06"/></geometry></visual></link>
+    <link name="arm">
+        <visual><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.05 0.06"/></geometry></visual>
+    </link>
     <link name="slide"><visual><geometry><box size="0.1 0.12 0.14"/></geometry></visual></link>
     <link name="left"><visual><geometry><box size="0.05 0.02 0.02"/></geometry></visual></link>
     <link name="right"><visual><geometry><box size="0.02 0.02 0.05"/></geometry></visual></link>
@@ -91,7 +93,9 @@ def placement(seed: int) -> se3.Array:
     return se3.from_quaternion(rng.normal(size=3), rng.normal(size=4))
 
 
-def scan_of(model: ArticulatedModel, state: State, count: int = 400, noise: float = 1e-3) -> tuple[Scan, np.ndarray]:
+def scan_of(
+    model: ArticulatedModel, state: State, count: int = 400, noise: float = 1e-3
+) -> tuple[Scan, np.ndarray]:
     """Points on the surface of every part, some without a part, one of them twice; with labels as given."""
     mesh = posed_mesh(model, state)
     rng = np.random.default_rng(5)
@@ -117,7 +121,9 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         scan_coverage=0.99,
         model_support=0.8,
         parts={
-            part.name: PartEstimate(T, 1e-3 if count else np.nan, int(count), 0.8 if len(part.faces) else np.nan)
+            part.name: PartEstimate(
+                T, 1e-3 if count else np.nan, int(count), 0.8 if len(part.faces) else np.nan
+            )
             for part, T, count in zip(model.parts, placements, counts, strict=True)
         },
         scan_labels=labels,

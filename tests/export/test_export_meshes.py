@@ -27,7 +27,9 @@ def links(model: ArticulatedModel, state: State) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("up", UP_AXES)
-def test_every_link_is_a_node_at_its_place(bot: ArticulatedModel, bot_state: State, tmp_path: Path, up: str) -> None:
+def test_every_link_is_a_node_at_its_place(
+    bot: ArticulatedModel, bot_state: State, tmp_path: Path, up: str
+) -> None:
     write_glb(tmp_path / "model.glb", bot, bot_state, up)
     graph = trimesh.load_scene(tmp_path / "model.glb").graph
     turn, _ = graph.get("scan")
@@ -41,7 +43,14 @@ def test_every_link_is_a_node_at_its_place(bot: ArticulatedModel, bot_state: Sta
 def test_nodes_hang_as_the_links_do(bot: ArticulatedModel, bot_state: State, tmp_path: Path) -> None:
     write_glb(tmp_path / "model.glb", bot, bot_state)
     parents = trimesh.load_scene(tmp_path / "model.glb").graph.transforms.parents
-    expected = {"base": "scan", "flange": "base", "arm": "flange", "slide": "arm", "left": "slide", "right": "slide"}
+    expected = {
+        "base": "scan",
+        "flange": "base",
+        "arm": "flange",
+        "slide": "arm",
+        "left": "slide",
+        "right": "slide",
+    }
     assert {name: parents[name] for name in expected} == expected
 
 
@@ -53,7 +62,8 @@ def test_nodes_tell_about_their_joints(bot: ArticulatedModel, bot_state: State, 
     assert "extras" not in nodes["base"]
     assert nodes["flange"]["extras"]["joint"] == {"name": "mount", "type": "fixed"}
     assert nodes["arm"]["extras"]["joint"] == {
-        "name": "shoulder", "type": "revolute", "axis": [0.0, 0.6, 0.8], "limits": [-2.0, 2.0], "value": 0.7, "unit": "rad",
+        "name": "shoulder", "type": "revolute", "axis": [0.0, 0.6, 0.8],
+        "limits": [-2.0, 2.0], "value": 0.7, "unit": "rad",
     }  # fmt: skip
     assert "limits" not in nodes["slide"]["extras"]["joint"]
     thumb = nodes["right"]["extras"]["joint"]
@@ -62,7 +72,9 @@ def test_nodes_tell_about_their_joints(bot: ArticulatedModel, bot_state: State, 
     assert thumb["mimic"] == {"joint": "finger", "multiplier": 2.0, "offset": 0.01}
 
 
-def test_surfaces_and_colours_are_those_of_the_model(bot: ArticulatedModel, bot_state: State, tmp_path: Path) -> None:
+def test_surfaces_and_colours_are_those_of_the_model(
+    bot: ArticulatedModel, bot_state: State, tmp_path: Path
+) -> None:
     write_glb(tmp_path / "model.glb", bot, bot_state, up="y")
     scene = trimesh.load_scene(tmp_path / "model.glb")
     mesh = posed_mesh(bot, bot_state)

@@ -29,7 +29,8 @@ def link(name: str, content: str = BOX) -> str:
 
 
 def joint(name: str, parent: str, child: str, kind: str = "revolute", content: str = LIMIT) -> str:
-    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{content}</joint>'
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{content}</joint>'
 
 
 def robot(*body: str, head: str = '<robot name="robot">') -> str:
@@ -108,14 +109,19 @@ def random_tree(rng: np.random.Generator, count: int) -> str:
     for index in range(1, count):
         kind = rng.choice(["revolute", "continuous", "prismatic", "fixed"])
         xyz, rpy, axis = rng.normal(size=(3, 3))
-        content = f'<origin xyz="{" ".join(map(repr, xyz.tolist()))}" rpy="{" ".join(map(repr, rpy.tolist()))}"/>'
+        content = (
+            f'<origin xyz="{" ".join(map(repr, xyz.tolist()))}" rpy="{" ".join(map(repr, rpy.tolist()))}"/>'
+        )
         if kind != "fixed":
             content += f'<axis xyz="{" ".join(map(repr, axis.tolist()))}"/>' + LIMIT
             if leaders and rng.random() < 0.3:
                 content += f'<mimic joint="{rng.choice(leaders)}" multiplier="-0.5" offset="0.1"/>'
             else:
                 leaders.append(f"j{index}")
-        body += [link(f"l{index}"), joint(f"j{index}", f"l{rng.integers(index)}", f"l{index}", str(kind), content)]
+        body += [
+            link(f"l{index}"),
+            joint(f"j{index}", f"l{rng.integers(index)}", f"l{index}", str(kind), content),
+        ]
     return robot(*body)
 
 
@@ -140,10 +146,14 @@ def test_random_trees_are_placed_without_joint_gaps(
     model = read(random_tree(rng, int(rng.integers(2, 12))))
     values = rng.uniform(model.lower, model.upper)
     base = model.parts[rng.integers(len(model.parts))].links[-1]
-    assert_placed(model, State(placement(seed), dict(zip(model.joint_names, values, strict=True)), base), tmp_path)
+    assert_placed(
+        model, State(placement(seed), dict(zip(model.joint_names, values, strict=True)), base), tmp_path
+    )
 
 
-@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-8, -np.pi / 2 + 3e-8, np.pi / 2 - 1e-5])
+@pytest.mark.parametrize(
+    "pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-8, -np.pi / 2 + 3e-8, np.pi / 2 - 1e-5]
+)
 def test_a_placement_at_gimbal_lock_keeps_its_precision(
     pitch: float, bot: ArticulatedModel, bot_state: State, tmp_path: Path
 ) -> None:
@@ -154,14 +164,17 @@ def test_a_placement_at_gimbal_lock_keeps_its_precision(
     assert np.abs(by_pinocchio(path, BOT_VALUES)["base"] - T).max() < 1e-14
 
 
-def test_everything_else_in_the_text_is_kept(bot: ArticulatedModel, bot_path: Path, bot_state: State, tmp_path: Path) -> None:
+def test_everything_else_in_the_text_is_kept(
+    bot: ArticulatedModel, bot_path: Path, bot_state: State, tmp_path: Path
+) -> None:
     text = written(bot, bot_state, tmp_path).read_text()
     before = bot_path.read_text().splitlines()
     kept = [line for line in before if line in text.splitlines()]
     changed = [line for line in before if line not in kept]
     assert [line.strip() for line in changed] == [
         '<?xml version="1.0"?>',
-        '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">',  # attributes may come in another order
+        # an XML writer may put attributes in another order
+        '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">',
         '<geometry><mesh filename="meshes/wedge.stl"/></geometry>',
     ]
     assert "<!-- made by hand -->" in text
@@ -169,7 +182,11 @@ def test_everything_else_in_the_text_is_kept(bot: ArticulatedModel, bot_path: Pa
 
 
 def test_relative_names_resolve_from_the_new_place_and_others_stay(
-    read: Callable[[str], ArticulatedModel], bot: ArticulatedModel, bot_path: Path, bot_state: State, tmp_path: Path
+    read: Callable[[str], ArticulatedModel],
+    bot: ArticulatedModel,
+    bot_path: Path,
+    bot_state: State,
+    tmp_path: Path,
 ) -> None:
     path = written(bot, bot_state, tmp_path)
     (name,) = (mesh.get("filename") for mesh in etree.parse(path).iter("mesh"))
@@ -211,7 +228,10 @@ def test_a_world_with_fixed_joints_is_reused(read: Callable[[str], ArticulatedMo
     ids=["moving world", "world with geometry", "world as a part", "scan is taken too"],
 )
 def test_a_world_that_is_not_the_scan_keeps_its_place(
-    body: tuple[str, ...], read: Callable[[str], ArticulatedModel], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    body: tuple[str, ...],
+    read: Callable[[str], ArticulatedModel],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     model = read(robot(*body))
     name = "scan_2" if link("scan") in body else "scan"
@@ -220,12 +240,22 @@ def test_a_world_that_is_not_the_scan_keeps_its_place(
     assert f"the scan frame is the new link '{name}'" in caplog.text
 
 
+def test_axes_of_another_length_are_normalised(
+    read: Callable[[str], ArticulatedModel], tmp_path: Path
+) -> None:
+    content = '<axis xyz="0 0 2"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    model = read(robot(link("base"), link("arm"), joint("lift", "base", "arm", "prismatic", content)))
+    assert_placed(model, State(placement(8), {"lift": 0.3}), tmp_path)
+
+
 def test_names_that_are_taken_are_avoided(read: Callable[[str], ArticulatedModel], tmp_path: Path) -> None:
     model = read(robot(link("base"), link("arm"), joint("world_to_base", "base", "arm")))
     assert_placed(model, State(placement(6), {"world_to_base": 0.3}), tmp_path)
 
 
-def test_what_strict_readers_demand_is_filled_in(read: Callable[[str], ArticulatedModel], tmp_path: Path) -> None:
+def test_what_strict_readers_demand_is_filled_in(
+    read: Callable[[str], ArticulatedModel], tmp_path: Path
+) -> None:
     model = read(
         robot(
             *(link(f"l{index}") for index in range(5)),
@@ -239,7 +269,11 @@ def test_what_strict_readers_demand_is_filled_in(read: Callable[[str], Articulat
     assert_placed(model, State(placement(7), {"a": 0.1, "b": 0.2, "c": 0.3, "d": 0.4}), tmp_path)
     tree = etree.parse(tmp_path / "aligned.urdf").getroot()
     assert tree.get("name") == "robot"
-    limits = {one.get("name"): dict(one.find("limit").attrib) for one in tree.findall("joint") if one.get("name") in "abcd"}
+    limits = {
+        one.get("name"): dict(one.find("limit").attrib)
+        for one in tree.findall("joint")
+        if one.get("name") in "abcd"
+    }
     assert limits["b"] == {"lower": "-1", "upper": "1", "effort": "0.0", "velocity": "0.0"}
     assert set(limits["a"]) == set(limits["c"]) == set(limits["b"])
     assert set(limits["d"]) == {"effort", "velocity"}

@@ -228,6 +228,11 @@ def test_root_placement_of_any_base_link(arm: ArticulatedModel, rng: np.random.G
         arm.root_placement(State(T_scan_root, joints, "tail"))
 
 
+def test_models_are_told_apart_and_print_short(arm: ArticulatedModel) -> None:
+    assert len({arm, arm}) == 1 and arm == arm and arm != pickle.loads(pickle.dumps(arm))
+    assert "j1" in repr(arm) and len(repr(arm)) < 3000
+
+
 def test_models_survive_pickling_and_threads(arm: ArticulatedModel, rng: np.random.Generator) -> None:
     states = [rng.uniform(arm.lower, arm.upper) for _ in range(200)]
     expected = [arm.part_placements(values) for values in states]

@@ -342,6 +342,15 @@ def test_missing_meshes_are_all_named(read: Read, folder: Path) -> None:
     assert list(caught.value.meshes) == ["gone.stl", "package://lost/x.dae"]
     assert folder / "gone.stl" in caught.value.meshes["gone.stl"]
     assert "2 missing meshes: gone.stl, package://lost/x.dae" in str(caught.value)
+    assert caught.value.meshes["package://lost/x.dae"] == []
+
+
+def test_a_mesh_missing_from_its_package(write_urdf: WriteUrdf, tmp_path: Path) -> None:
+    (tmp_path / "ws/robot/meshes").mkdir(parents=True)
+    path = write_urdf(mesh_link("package://robot/meshes/gone.stl"), "ws/robot/urdf/bot.urdf")
+    with pytest.raises(MissingMeshError) as caught:
+        ArticulatedModel.from_urdf(path)
+    assert caught.value.meshes == {"package://robot/meshes/gone.stl": [tmp_path / "ws/robot/meshes/gone.stl"]}
 
 
 def test_meshes_of_the_unused_kind_may_be_missing(read: Read) -> None:

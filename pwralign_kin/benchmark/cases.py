@@ -1,0 +1,150 @@
+"""Cases with truth: third-party robots scanned in software, and the sample scans that lie beside the sample models."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import DependencyError, UnknownNameError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.render import RayScene
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import inverse, transform
+from pwralign_kin.simulation import TIERS, Sensor, random_state, simulate
+from pwralign_kin.state import State
+
+ROBOTS: Mapping[str, str] = MappingProxyType(
+    {
+        "panda": "panda_description/urdf/panda.urdf",
+        "ur5": "ur_description/urdf/ur5_robot.urdf",
+        "z1": "z1_description/urdf/z1.urdf",
+        "allegro": "allegro_hand_description/urdf/allegro_right_hand.urdf",
+        "solo12": "solo_description/robots/solo12.urdf",
+        "tiago": "tiago_description/robots/tiago_no_hand.urdf",
+        "baxter": "baxter_description/urdf/baxter.urdf",
+        "pendulum": "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
+        "icub": "icub_description/robots/icub_reduced.urdf",
+        "go2": "go2_description/urdf/go2.urdf",
+        "twodof": "asr_twodof_description/urdf/TwoDofs.urdf",
+        "quadruped": "quadruped_description/urdf/quadruped.urdf",
+    }
+)
+"""Robots of the wheel `example-robot-data` by name: 2 to 29 joints, arms, hands, legs and whole bodies."""
+
+PARKED = "parked"
+"""A tier of its own: the sensor of "hololens", but about half of the joints rest at one of their limits."""
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"]})
+"""The sensor of every tier."""
+
+_LEAST_LABELLED = 0.01
+"""A point of a sample scan belongs to the part that truly is within this of it, model diagonals."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scan with its truth."""
+
+    robot: str
+    tier: str
+    configuration: int
+    """Number of the random configuration of this robot; it looks different in each tier."""
+
+    scan: Scan
+    labels: NDArray[np.int64]
+    """(n,) index of the part that each point lies on; -1 for none."""
+
+    truth: State
+    guess: State | None
+    """A guess near the truth where the tier gives one."""
+
+    @property
+    def name(self) -> str:
+        """Robot, configuration and tier in one word."""
+        return f"{self.robot}-{self.configuration}-{self.tier}"
+
+
+def load_robot(name: str) -> ArticulatedModel:
+    """Return the model of a robot of `ROBOTS`.
+
+    Raises `UnknownNameError` for any other name and `DependencyError` where the wheel is not installed.
+    """
+    if name not in ROBOTS:
+        raise UnknownNameError("benchmark robot", name, ROBOTS)
+    robots = _robots_folder()
+    return ArticulatedModel.from_urdf(robots / ROBOTS[name], package_dirs=[robots.parent.parent])
+
+
+def simulated_case(model: ArticulatedModel, robot: str, tier: str, configuration: int) -> Case:
+    """Scan `model`; the same arguments give the same points.
+
+    The tiers of one configuration see the same state ("parked" excepted). Raises `UnknownNameError` for an
+    unknown tier.
+    """
+    if tier not in SENSORS:
+        raise UnknownNameError("tier", tier, SENSORS)
+    seed = zlib.crc32(f"{robot} {configuration}".encode())
+    state = parked_state(model, seed) if tier == PARKED else None
+    simulated = simulate(model, state, SENSORS[tier], seed)
+    return Case(robot, tier, configuration, simulated.scan, simulated.labels, simulated.state, simulated.guess)
+
+
+def parked_state(model: ArticulatedModel, seed: int) -> State:
+    """Draw a state in which each joint that has limits rests at one of them with a chance of one half."""
+    drawn = random_state(model, seed)
+    random = np.random.default_rng([seed, *PARKED.encode()])
+    at_limit = random.integers(2, size=len(model.joint_names)).astype(bool) & ~model.continuous
+    limit = np.where(random.integers(2, size=len(model.joint_names)), model.upper, model.lower)
+    values = np.where(at_limit, limit, model.values(drawn.joints))
+    return State(drawn.T_scan_base, dict(zip(model.joint_names, values.tolist(), strict=True)), drawn.base_link)
+
+
+def sample_names(folder: Path) -> list[str]:
+    """Return the sample models in `folder` that have scans with truth."""
+    return sorted({truth.parent.parent.name for truth in folder.glob("*/scans/*_truth.json")})
+
+
+def load_sample(folder: Path, name: str) -> ArticulatedModel:
+    """Return the sample model `name` in `folder`."""
+    return ArticulatedModel.from_urdf(folder / name / f"{name}.urdf")
+
+
+def sample_cases(model: ArticulatedModel, folder: Path, name: str) -> Iterator[Case]:
+    """Yield the sample scans of one model, labelled by the truth."""
+    for truth_file in sorted((folder / name / "scans").glob("*_truth.json")):
+        tier = truth_file.name.removesuffix("_truth.json")
+        truth = State.load(truth_file)
+        origin = json.loads(truth_file.read_text(encoding="utf-8")).get("sensor_origin")
+        scan = Scan.load(truth_file.with_name(f"{tier}.ply"), sensor_origin=origin)
+        yield Case(name, tier, 0, scan, nearest_parts(model, truth, scan), truth, None)
+
+
+def nearest_parts(model: ArticulatedModel, truth: State, scan: Scan) -> NDArray[np.int64]:
+    """Return (n,) the part that truly is nearest to each scan point, -1 for points far from all."""
+    placements = model.root_placement(truth) @ model.part_placements(model.values(truth.joints))
+    distances = np.full((len(model.parts), len(scan.points)), np.inf)
+    for index, part in enumerate(model.parts):
+        if len(part.faces):
+            local = transform(inverse(placements[index]), scan.points)
+            closest, _, _ = RayScene(part.vertices, part.faces).closest(local)
+            distances[index] = np.linalg.norm(local - closest, axis=1)
+    nearest = distances.argmin(axis=0)
+    return np.where(distances.min(axis=0) < _LEAST_LABELLED * model.diagonal, nearest, -1)
+
+
+def _robots_folder() -> Path:
+    """Return the folder `robots` of the installed wheel."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        root = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+    except PackageNotFoundError:
+        raise DependencyError("example-robot-data is not installed", "pip install example-robot-data") from None
+    return Path(str(root))

@@ -1,0 +1,123 @@
+"""The tables of the benchmark by the names of their sections: what each runs, and how its figures are put down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pwralign_kin.benchmark import first_use, joint_gap, samples, summaries
+from pwralign_kin.benchmark.cases import PARKED, ROBOTS
+from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, Method, with_outside_pairs
+from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate
+from pwralign_kin.simulation import TIERS
+
+ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
+"""Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""
+
+CORRESPONDENCE_TIERS = ("full", "single")
+WRONG_SHARES = (0.6, 1.0)
+"""With all pairs wrong nothing but the repair is left to find the pose: the control."""
+
+GAP_TIERS = ("full", "single")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to run."""
+
+    samples: Path
+    """The folder of the sample models."""
+
+    robots: tuple[str, ...] | None = None
+    """None: all of a table."""
+
+    tiers: tuple[str, ...] | None = None
+    """None: those of the table."""
+
+    configurations: int = 3
+    threads: int = 2
+
+
+@dataclass(frozen=True)
+class Result:
+    """The figures of one table."""
+
+    text: str
+    """Markdown."""
+
+    records: Any
+    """All single results, as dataclasses."""
+
+
+def overlay(settings: Settings, progress: Progress) -> Result:
+    """Every robot in every tier, with the default options."""
+    outcomes = _evaluate(settings, TIERS, {"default": DEFAULT}, progress)
+    return Result(
+        "\n".join(
+            [
+                summaries.overlay_table("tier", outcomes, lambda outcome: outcome.tier),
+                summaries.overlay_table("robot", outcomes, lambda outcome: outcome.robot),
+                summaries.determined_table(outcomes),
+            ]
+        ),
+        outcomes,
+    )
+
+
+def ablation(settings: Settings, progress: Progress) -> Result:
+    """Each part of the pipeline off in turn."""
+    outcomes = _evaluate(settings, ABLATION_TIERS, ABLATIONS, progress)
+    tables = (summaries.ablation_table, summaries.overlay_by_tier_table, summaries.least_squares_table)
+    return Result("\n".join(table(outcomes) for table in tables), outcomes)
+
+
+def correspondences(settings: Settings, progress: Progress) -> Result:
+    """Nothing but correspondences from outside, most of them wrong."""
+    methods = {method.title: method for method in map(with_outside_pairs, WRONG_SHARES)}
+    outcomes = _evaluate(settings, CORRESPONDENCE_TIERS, methods, progress)
+    return Result(summaries.correspondence_table(outcomes), outcomes)
+
+
+def first_use_costs(settings: Settings, progress: Progress) -> Result:
+    """What imports, help and the preparation of a robot cost."""
+    costs = first_use.measure(_robots(settings), settings.threads, progress)
+    return Result(first_use.table(costs), costs)
+
+
+def sample_scans(settings: Settings, progress: Progress) -> Result:
+    """The sample scans beside the sample models."""
+    outcomes = samples.evaluate_samples(settings.samples, settings.threads, progress)
+    return Result(samples.table(outcomes), outcomes)
+
+
+def joint_gaps(settings: Settings, progress: Progress) -> Result:
+    """Gaps at the joints of estimates and of their exports."""
+    gaps = joint_gap.measure(_robots(settings), settings.tiers or GAP_TIERS, settings.threads, progress)
+    return Result(joint_gap.table(gaps), gaps)
+
+
+TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
+    {
+        "overlay": overlay,
+        "ablation": ablation,
+        "correspondences": correspondences,
+        "first-use": first_use_costs,
+        "samples": sample_scans,
+        "gap": joint_gaps,
+    }
+)
+
+
+def _evaluate(
+    settings: Settings, tiers: Iterable[str], methods: Mapping[str, Method], progress: Progress
+) -> list[Outcome]:
+    return evaluate(
+        _robots(settings), settings.tiers or tiers, settings.configurations, methods, settings.threads, progress
+    )
+
+
+def _robots(settings: Settings) -> tuple[str, ...]:
+    return settings.robots or tuple(ROBOTS)

@@ -1,0 +1,159 @@
+"""Outcomes of methods on cases, summed up as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from pwralign_kin.benchmark.methods import ABLATIONS
+from pwralign_kin.benchmark.runs import Outcome
+from pwralign_kin.benchmark.table import figure, markdown, median, quantile, share
+
+Outcomes = Sequence[Outcome]
+
+LEAST_SQUARES = ("default", "no-least-squares", "no-bounds")
+"""Methods whose answers differ in the last step only."""
+
+
+def overlay_table(head: str, outcomes: Outcomes, key: Callable[[Outcome], str]) -> str:
+    """Return how many cases are right, how exactly and how fast, in groups by `key` and in all."""
+    heads = [
+        head, " cases", " success", " overlay", " fine", " part recall", " median error", " time median", " time max",
+        " joints median", " joints 90%", " errors",
+    ]  # fmt: skip
+    rows = []
+    for name, own in [*grouped(outcomes, key), ("all", outcomes)]:
+        scores, seconds, joints = [o.score for o in own], [o.seconds for o in own], joint_errors(own)
+        rows.append(
+            [
+                name,
+                str(len(own)),
+                share([score.success for score in scores]),
+                share([score.overlay for score in scores]),
+                share([score.fine for score in scores]),
+                figure(100 * float(np.mean([score.recall for score in scores])), "%", 1),
+                figure(100 * median([score.mean_error for score in scores]), "% D"),
+                figure(median(seconds), " s"),
+                figure(max(seconds), " s"),
+                figure(median(joints)),
+                figure(quantile(joints, 0.9)),
+                str(sum(bool(outcome.fault) for outcome in own)),
+            ]
+        )
+    return markdown(heads, rows)
+
+
+def determined_table(outcomes: Outcomes) -> str:
+    """Return how well `undetermined` tells the joints that the scan tells from those that it does not, in successes."""
+    heads = [
+        "tier", " joints that the scan can tell", " of these called determined", " error median", " error 90%",
+        " joints that it cannot", " of these called undetermined",
+    ]  # fmt: skip
+    rows = []
+    for name, own in [*grouped(outcomes, lambda outcome: outcome.tier), ("all", outcomes)]:
+        found = [outcome for outcome in own if outcome.score.success]
+        called = [name not in o.undetermined for o in found for name in o.told]
+        errors = [o.score.joint_errors[name] for o in found for name in o.told if name not in o.undetermined]
+        hidden = [name in o.undetermined for o in found for name in o.joints if name not in o.told]
+        rows.append(
+            [
+                name, str(len(called)), share(called), figure(median(errors)), figure(quantile(errors, 0.9)),
+                str(len(hidden)), share(hidden),
+            ]
+        )  # fmt: skip
+    return markdown(heads, rows)
+
+
+def ablation_table(outcomes: Outcomes) -> str:
+    """Return what each part of the pipeline is worth.
+
+    Joint errors stand beside those of the default on the same cases: those where both succeed. A method that finds
+    the easy cases only would look exact otherwise.
+    """
+    default = {outcome.case: outcome for outcome in outcomes if outcome.method == "default"}
+    heads = [
+        "variant", " success", " overlay", " fine", " joints median (default on the same cases)",
+        " joints 90% (default on the same cases)", " time median", " time mean",
+    ]  # fmt: skip
+    rows = []
+    for name, own in grouped(outcomes, lambda outcome: outcome.method):
+        both = [outcome for outcome in own if outcome.score.success and default[outcome.case].score.success]
+        joints, usual = joint_errors(both), joint_errors([default[outcome.case] for outcome in both])
+        seconds = [outcome.seconds for outcome in own]
+        rows.append(
+            [
+                ABLATIONS[name].title,
+                share([outcome.score.success for outcome in own]),
+                share([outcome.score.overlay for outcome in own]),
+                share([outcome.score.fine for outcome in own]),
+                f"{figure(median(joints), digits=3)} ({figure(median(usual), digits=3)})",
+                f"{figure(quantile(joints, 0.9))} ({figure(quantile(usual, 0.9))})",
+                figure(median(seconds), " s"),
+                figure(float(np.mean(seconds)), " s"),
+            ]
+        )
+    return markdown(heads, rows)
+
+
+def overlay_by_tier_table(outcomes: Outcomes) -> str:
+    """Return the share of overlays of every variant in every tier."""
+    tiers = list(dict.fromkeys(outcome.tier for outcome in outcomes))
+    rows = []
+    for name, own in grouped(outcomes, lambda outcome: outcome.method):
+        by_tier = dict(grouped(own, lambda outcome: outcome.tier))
+        rows.append([ABLATIONS[name].title, *(share([o.score.overlay for o in by_tier[tier]]) for tier in tiers)])
+    return markdown(["overlay of variant", *(f" {tier}" for tier in tiers)], rows)
+
+
+def least_squares_table(outcomes: Outcomes) -> str:
+    """Return joint errors with and without the least squares and its bounds, tier by tier.
+
+    Of the cases in which all three succeed. Each cell: median, 90%, and mean part error.
+    """
+    heads = ["tier", " cases", *(f" {ABLATIONS[name].title}" for name in LEAST_SQUARES)]
+    rows = []
+    for tier, own in [*grouped(outcomes, lambda outcome: outcome.tier), ("all", outcomes)]:
+        by_method = {name: {o.case: o for o in own if o.method == name} for name in LEAST_SQUARES}
+        common = [
+            case for case in by_method["default"] if all(found[case].score.success for found in by_method.values())
+        ]
+        cells = []
+        for found in by_method.values():
+            joints = joint_errors([found[case] for case in common])
+            parts = [100 * found[case].score.mean_error for case in common]
+            cells.append(
+                f"{figure(median(joints), digits=3)} / {figure(quantile(joints, 0.9))} / "
+                f"{figure(float(np.mean(parts)) if parts else float('nan'), '% D', 3)}"
+            )
+        rows.append([tier, str(len(common)), *cells])
+    return markdown(heads, rows)
+
+
+def correspondence_table(outcomes: Outcomes) -> str:
+    """Return the share of overlays by robot and method, and the time of the first method."""
+    methods = list(dict.fromkeys(outcome.method for outcome in outcomes))
+    rows = []
+    for robot, own in [*grouped(outcomes, lambda outcome: outcome.robot), ("all", outcomes)]:
+        overlays = [share([o.score.overlay for o in own if o.method == method]) for method in methods]
+        recall = [100 * o.score.recall for o in own if o.method == methods[0]]
+        seconds = [o.seconds for o in own if o.method == methods[0]]
+        rows.append([robot, *overlays, figure(float(np.mean(recall)), "%", 1), figure(median(seconds), " s")])
+    heads = [
+        "robot", *(f" overlay, {method}" for method in methods), f" part recall, {methods[0]}",
+        f" time median, {methods[0]}",
+    ]  # fmt: skip
+    return markdown(heads, rows)
+
+
+def grouped(outcomes: Outcomes, key: Callable[[Outcome], str]) -> list[tuple[str, list[Outcome]]]:
+    """Return the outcomes by key, the keys in order of appearance."""
+    groups: dict[str, list[Outcome]] = {}
+    for outcome in outcomes:
+        groups.setdefault(key(outcome), []).append(outcome)
+    return list(groups.items())
+
+
+def joint_errors(outcomes: Iterable[Outcome]) -> list[float]:
+    """Return the errors of all joints that the scans can tell, of successes: elsewhere they mean nothing."""
+    return [error for own in outcomes if own.score.success for error in own.score.joint_errors.values()]

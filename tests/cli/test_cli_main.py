@@ -1,0 +1,194 @@
+"""Usage errors, help, version, unexpected errors, and the other verbs."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import pytest
+from conftest import Call
+
+from pwralign_kin import State, dependencies
+from pwralign_kin.cli import VERBS
+from pwralign_kin.cli.simulate import simulate
+from pwralign_kin.exceptions import DependencyError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.simulation import TIERS
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["estimat"], "estimate"),
+        (["estimate"], "URDF"),
+        (["estimate", "a"], "SCAN"),
+        (["estimate", "a", "b", "c"], "c"),
+        (["estimate", "a", "b", "--jiont", "x=1"], "--joint"),
+        (["estimate", "a", "b", "--joint", "x"], "name=value"),
+        (["estimate", "a", "b", "--joint", "x=fast"], "x=fast"),
+        (["estimate", "a", "b", "--joint", "x=nan"], "x=nan"),
+        (["estimate", "a", "b", "--joint", "=1"], "name=value"),
+        (["estimate", "a", "b", "--base", "1", "2", "3"], "--base"),
+        (["estimate", "a", "b", "--base", "0", "0", "0", "0", "0", "x", "1"], "--base"),
+        (["estimate", "a", "b", "--initial", "s", "--base", *"0000001"], "--initial"),
+        (["estimate", "a", "b", "--units", "km"], "--units"),
+        (["estimate", "a", "b", "--up", "w"], "--up"),
+        (["estimate", "a", "b", "--seed", "-1"], "--seed"),
+        (["estimate", "a", "b", "--threads", "-2"], "--threads"),
+        (["simulate", "a"], "--out"),
+        (["simulate", "a", "--out", "b", "--tier", "best"], "--tier"),
+    ],
+    ids=" ".join,
+)
+def test_usage_errors(arguments: list[str], named: str, pwralign: Call) -> None:
+    outcome = pwralign(*arguments)
+    assert outcome.code == 2
+    assert named in outcome.error()
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_help_and_version(pwralign: Call) -> None:
+    assert pwralign("--version").out.strip() == importlib.metadata.version("pwralign-kin")
+    top = pwralign("--help")
+    assert top.code == 0
+    assert all(verb in top.out for verb in VERBS)
+    assert pwralign().out == top.out
+    for verb in VERBS:
+        assert f"pwralign {verb}" in pwralign(verb, "--help").out
+
+
+def test_help_comes_at_once() -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        subprocess.run([Path(sys.executable).parent / "pwralign", "--help"], check=True, capture_output=True)
+        return time.perf_counter() - start
+
+    assert min(seconds() for _ in range(3)) < 1.0
+
+
+def test_help_loads_no_heavy_library() -> None:
+    script = (
+        "import sys; from pwralign_kin.cli import main; main(['--help']);"
+        "sys.stderr.write(' '.join(sys.modules))"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stderr.split()
+    assert "cyclopts" in loaded
+    assert not {"numpy", "scipy", "open3d", "pinocchio", "casadi", "trimesh", "pwralign_kin.kernels"} & set(
+        loaded
+    )
+
+
+def test_an_unexpected_error_leaves_a_traceback_in_a_file(
+    arm: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ValueError("first line\nsecond line")
+
+    monkeypatch.setattr(ArticulatedModel, "from_urdf", broken)
+    outcome = pwralign("inspect", arm)
+    assert outcome.code == 1
+    error = outcome.error()
+    assert "ValueError: first line second line" in error
+    report = Path(error.split()[-1].rstrip(")"))
+    assert "Traceback" in report.read_text()
+
+
+@pytest.mark.parametrize("error", [ImportError, OSError])
+def test_a_system_library_that_does_not_load_gets_its_install_line(
+    error: type[ImportError | OSError], arm: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unloadable(*_: object, **__: object) -> None:
+        raise error("libGL.so.1: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(ArticulatedModel, "from_urdf", unloadable)
+    outcome = pwralign("inspect", arm)
+    assert outcome.code == 1
+    assert "apt-get install -y libgl1" in outcome.error()
+
+
+def test_a_missing_module_gets_its_install_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(DependencyError, match="pip install open3d-cpu"):
+        dependencies.open3d()
+
+
+def test_inspect_shows_parts_and_joints(arm: Path, pwralign: Call) -> None:
+    outcome = pwralign("inspect", arm)
+    assert outcome.code == 0, outcome.err
+    lines = outcome.out.splitlines()
+    assert lines[0].startswith("arm: 3 parts, 2 joints")
+    rows = [line.split() for line in lines]
+    assert ["elbow", "revolute", "-57.3", "deg", "57.3", "deg"] in rows
+    assert next(row for row in rows if row[:1] == ["lower"])[-1] == "elbow"
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_inspect_guesses_the_unit_of_a_scan(
+    scale: float, arm: Path, scan: Path, tmp_path: Path, pwralign: Call
+) -> None:
+    import numpy as np
+
+    from pwralign_kin.scan import Scan
+
+    np.save(tmp_path / "x.npy", scale * Scan.load(scan).points)
+    outcome = pwralign("inspect", arm, tmp_path / "x.npy")
+    assert outcome.code == 0, outcome.err
+    assert ("--units mm" in outcome.out) == (scale == 1e3)
+    assert "3000" in outcome.out
+
+
+def test_simulate_poses_the_model_as_asked(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    state = State(joints={"shoulder": 0.1, "elbow": 0.2})
+    state.save(tmp_path / "state.json")
+    outcome = pwralign(
+        "simulate", arm, "--out", tmp_path / "sim", "--state", tmp_path / "state.json",
+        "--joint", "elbow=-0.5", "--tier", "single", "--points", 400, "--noise", 0,
+        "--outliers", 0.1, "--missing-part", "lower",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    truth = State.load(tmp_path / "sim" / "truth.json")
+    assert truth.joints == {"shoulder": 0.1, "elbow": -0.5}
+    assert truth.T_scan_base.tolist() == state.T_scan_base.tolist()
+    assert json.loads((tmp_path / "sim" / "truth.json").read_text())["sensor_origin"] is not None
+    assert " points on 2 of 3 parts of arm" in outcome.out
+
+
+def test_simulate_offers_every_tier() -> None:
+    assert set(get_args(get_type_hints(simulate)["tier"])) == set(TIERS)
+
+
+def test_doctor_on_a_sound_machine(pwralign: Call) -> None:
+    outcome = pwralign("doctor")
+    assert outcome.code == 0, outcome.out
+    assert outcome.out.endswith("all well\n")
+
+
+def test_doctor_names_missing_system_libraries(pwralign: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dependencies, "missing_system_libraries", lambda: ("libegl1", "libgomp1"))
+    outcome = pwralign("doctor")
+    assert outcome.code == 1
+    assert "apt-get install -y libegl1 libgomp1" in outcome.out
+
+
+def test_doctor_finds_two_open3d(pwralign: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.0")
+    outcome = pwralign("doctor")
+    assert outcome.code == 1
+    assert "pip uninstall -y open3d open3d-cpu" in outcome.out
+
+
+def test_doctor_tries_to_write_the_cache(
+    pwralign: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("PWRALIGN_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    outcome = pwralign("doctor")
+    assert outcome.code == 1
+    assert "PWRALIGN_CACHE_DIR" in outcome.out

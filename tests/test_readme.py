@@ -1,0 +1,62 @@
+"""The README's examples run, and its tables tell the truth."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from pwralign_kin.cli import VERBS, main
+from pwralign_kin.cli.estimate import estimate
+
+
+@pytest.fixture(scope="module")
+def readme(repository: Path) -> str:
+    return (repository / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def _beside_the_robots(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run where `robots/` can be read and `out/` be written without touching the repository."""
+    (tmp_path / "robots").symlink_to(repository / "robots")
+    monkeypatch.chdir(tmp_path)
+
+
+def _blocks(readme: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_python_examples_run_one_after_the_other(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    blocks = _blocks(readme, "python")
+    assert len(blocks) >= 3
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), names)
+    assert "lid_hinge" in capsys.readouterr().out
+    assert Path("out/laptop/overlay.png").stat().st_size > 0
+
+
+def test_commands_run(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
+    commands = [
+        line for block in _blocks(readme, "sh") for line in block.splitlines() if line.startswith("pwralign ")
+    ]
+    assert {shlex.split(command)[1] for command in commands} == set(VERBS)
+    for command in commands:
+        code = main(shlex.split(command)[1:])
+        assert code == 0, f"{command}\n{capsys.readouterr().err}"
+
+
+def test_every_option_of_estimate_is_in_the_table(readme: str) -> None:
+    listed = set(re.findall(r"^\| `--([a-z-]+)", readme, flags=re.MULTILINE))
+    keywords = estimate.__kwdefaults__ or {}
+    assert listed == {name.replace("_", "-") for name in keywords}
+
+
+def test_every_file_of_the_result_is_in_the_table(readme: str) -> None:
+    assert (
+        main(["estimate", "robots/laptop/laptop.urdf", "robots/laptop/scans/full.ply", "--out", "out"]) == 0
+    )
+    for path in Path("out").iterdir():
+        assert f"`{path.name}`" in readme
