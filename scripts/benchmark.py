@@ -11,6 +11,7 @@ import logging
 import shlex
 import sys
 import time
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from pwralign_kin import files
@@ -25,7 +26,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 def main() -> int:
     options = _options()
-    for name in ("pwralign_kin", "yourdfpy", "trimesh"):  # what was mended on reading is known for these robots
+    for name in ("pwralign_kin", "yourdfpy", "trimesh"):  # what these robots need mended is known
         logging.getLogger(name).setLevel(logging.ERROR)
     settings = Settings(
         REPOSITORY / "robots", options.robots, options.tiers, options.configurations, options.threads
@@ -38,7 +39,7 @@ def main() -> int:
             start = time.perf_counter()
             result = TABLES[name](settings, _say)
             minutes = (time.perf_counter() - start) / 60
-            body = f"{source} The run took {minutes:.0f} min.\n\n{result.text}"
+            body = f"{source} The run took {minutes:.1f} min.\n\n{result.text}"
             print(f"## {name}\n\n{body}", flush=True)
             report[name] = {"source": plain(source), "results": plain(result.records)}
             if options.json:
@@ -54,7 +55,7 @@ def main() -> int:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Measure how well and how fast estimates are.")
-    parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES), help="by default all of them")
+    parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES), help="by default all")
     parser.add_argument("--robots", type=_names(ROBOTS), metavar="A,B", help=f"of {', '.join(ROBOTS)}")
     parser.add_argument("--tiers", type=_names(SENSORS), metavar="A,B", help=f"of {', '.join(SENSORS)}")
     parser.add_argument("--configurations", type=_positive, default=3, help="random states of each robot (3)")
@@ -64,7 +65,7 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _names(valid: object) -> object:
+def _names(valid: Collection[str]) -> Callable[[str], tuple[str, ...]]:
     def names(text: str) -> tuple[str, ...]:
         chosen = tuple(text.split(","))
         unknown = [name for name in chosen if name not in valid]

@@ -1,1 +1,1 @@
-"""How well and how fast the estimates are: cases x methods x metrics -> tables. Nothing else imports this package."""
+"""How well and how fast the estimates are: cases x methods x metrics -> tables."""

@@ -1,4 +1,4 @@
-"""Cases with truth: third-party robots scanned in software, and the sample scans that lie beside the sample models."""
+"""Cases with truth: third-party robots scanned in software, and the sample scans of the sample models."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ def simulated_case(model: ArticulatedModel, robot: str, tier: str, configuration
         raise UnknownNameError("tier", tier, SENSORS)
     seed = zlib.crc32(f"{robot} {configuration}".encode())
     state = parked_state(model, seed) if tier == PARKED else None
-    simulated = simulate(model, state, SENSORS[tier], seed)
-    return Case(robot, tier, configuration, simulated.scan, simulated.labels, simulated.state, simulated.guess)
+    made = simulate(model, state, SENSORS[tier], seed)
+    return Case(robot, tier, configuration, made.scan, made.labels, made.state, made.guess)
 
 
 def parked_state(model: ArticulatedModel, seed: int) -> State:
@@ -102,8 +102,9 @@ def parked_state(model: ArticulatedModel, seed: int) -> State:
     random = np.random.default_rng([seed, *PARKED.encode()])
     at_limit = random.integers(2, size=len(model.joint_names)).astype(bool) & ~model.continuous
     limit = np.where(random.integers(2, size=len(model.joint_names)), model.upper, model.lower)
-    values = np.where(at_limit, limit, model.values(drawn.joints))
-    return State(drawn.T_scan_base, dict(zip(model.joint_names, values.tolist(), strict=True)), drawn.base_link)
+    values = np.where(at_limit, limit, model.values(drawn.joints)).tolist()
+    joints = dict(zip(model.joint_names, values, strict=True))
+    return State(drawn.T_scan_base, joints, drawn.base_link)
 
 
 def sample_names(folder: Path) -> list[str]:
@@ -143,8 +144,8 @@ def _robots_folder() -> Path:
     """Return the folder `robots` of the installed wheel."""
     from importlib.metadata import PackageNotFoundError, distribution
 
+    wheel = "example-robot-data"
     try:
-        root = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+        return Path(str(distribution(wheel).locate_file(f"cmeel.prefix/share/{wheel}/robots")))
     except PackageNotFoundError:
-        raise DependencyError("example-robot-data is not installed", "pip install example-robot-data") from None
-    return Path(str(root))
+        raise DependencyError(f"{wheel} is not installed", f"pip install {wheel}") from None

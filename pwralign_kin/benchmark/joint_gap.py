@@ -1,4 +1,4 @@
-"""Do the parts hang together? Gaps at all joints of an estimate and of its export, read back by other libraries."""
+"""Do the parts hang together? Gaps at the joints of an estimate, and of its export read back by others."""
 
 from __future__ import annotations
 
@@ -41,8 +41,10 @@ class Gaps:
     """The same by yourdfpy."""
 
     pinocchio_offset: float
-    """Largest offset of a part's placement by Pinocchio in the export from that of the estimate; turns count by what
-    they move at the end of a lever as long as the model's diagonal."""
+    """Largest offset of a part's placement by Pinocchio in the export from that of the estimate.
+
+    Turns count by what they move at the end of a lever as long as the model's diagonal.
+    """
 
     yourdfpy_offset: float
     """The same by yourdfpy."""
@@ -108,21 +110,19 @@ def gaps_of_export(
 
 def largest_gap(model: ArticulatedModel, placements: Placements) -> float:
     """Return the largest gap (m) at the joints between parts placed by name."""
-    return max(
-        (
-            joint_gap(part.joint, placements[model.parts[part.parent].name], placements[part.name], model.diagonal)
-            for part in model.parts
-            if part.joint is not None
-        ),
-        default=0.0,
-    )
+    gaps = [0.0]
+    for part in model.parts:
+        if part.joint is not None:
+            T_parent, T_child = placements[model.parts[part.parent].name], placements[part.name]
+            gaps.append(joint_gap(part.joint, T_parent, T_child, model.diagonal))
+    return max(gaps)
 
 
 def joint_gap(joint: MovingJoint, T_parent: Array, T_child: Array, lever: float) -> float:
     """Return by how much (m) the two sides of a joint fail to meet.
 
-    Turning joints must share their origin and axis, sliding ones their line and orientation; an angle counts by what it
-    moves at the end of `lever` (m).
+    Turning joints must share their origin and axis, sliding ones their line and orientation; an angle counts
+    by what it moves at the end of `lever` (m).
     """
     between = inverse(T_parent @ joint.T_parent_joint) @ T_child
     R, offset = between[:3, :3], between[:3, 3]
@@ -135,16 +135,16 @@ def joint_gap(joint: MovingJoint, T_parent: Array, T_child: Array, lever: float)
 
 
 def read_by_pinocchio(urdf: Path, values: Mapping[str, float]) -> Placements:
-    """Return the placement of every link by Pinocchio; `values` (rad or m) name all joints, those that mimic too."""
+    """Return the placement of every link by Pinocchio; `values` (rad, m) name the joints that mimic too."""
     import pinocchio as pin
 
     model = pin.buildModelFromUrdf(str(urdf))
     q = pin.neutral(model)
     for name, index in zip(model.names, model.idx_qs, strict=True):
         if name in values:
-            joint = model.joints[model.getJointId(name)]
-            turns = joint.nq == 2
-            q[index : index + joint.nq] = [np.cos(values[name]), np.sin(values[name])] if turns else values[name]
+            value, size = values[name], model.joints[model.getJointId(name)].nq
+            # A continuous joint takes cosine and sine.
+            q[index : index + size] = [np.cos(value), np.sin(value)] if size == 2 else value
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     bodies = [(i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
@@ -168,7 +168,7 @@ def _exported_values(folder: Path) -> dict[str, float]:
 
 
 def _largest_offset(own: Placements, other: Placements, lever: float) -> float:
-    motions = [inverse(T) @ other[name] for name, T in own.items()]
-    return max(
-        max(float(np.linalg.norm(X[:3, 3])), float(lever * np.linalg.norm(X[:3, :3] - np.eye(3), 2))) for X in motions
-    )
+    between = np.array([inverse(T) @ other[name] - np.eye(4) for name, T in own.items()])
+    shift = np.linalg.norm(between[:, :3, 3], axis=1)
+    turn = lever * np.linalg.norm(between[:, :3, :3], ord=2, axis=(1, 2))
+    return float(np.maximum(shift, turn).max())

@@ -56,10 +56,10 @@ ABLATIONS: Mapping[str, Method] = MappingProxyType(
     {
         "default": DEFAULT,
         "fpfh": Method("FPFH instead of oriented pairs", EstimatorOptions(sources=("fpfh",))),
-        "pairs+fpfh": Method("FPFH in addition to oriented pairs", EstimatorOptions(sources=("pairs", "fpfh"))),
+        "pairs+fpfh": Method("FPFH beside oriented pairs", EstimatorOptions(sources=("pairs", "fpfh"))),
         "no-repair": Method("no repair", EstimatorOptions(repair=RepairOptions(rounds=0))),
         "one-way": Method(
-            "score in one direction: scan coverage alone", EstimatorOptions(search=SearchOptions(two_way=False))
+            "score in one direction: scan coverage", EstimatorOptions(search=SearchOptions(two_way=False))
         ),
         "no-least-squares": Method(
             "no CasADi least squares", EstimatorOptions(least_squares=LeastSquaresOptions(enabled=False))
@@ -98,7 +98,7 @@ def with_outside_pairs(wrong: float) -> Method:
 def outside_pairs(case: Case, ruler: Ruler, reference: Reference, wrong: float) -> Correspondences:
     """Return `PAIRS` pairs of a scan point and its place on the model, a share `wrong` of them torn apart.
 
-    A wrong pair keeps its place on the model and gets any other scan point. Seeded by the case's configuration.
+    A wrong pair keeps its place on the model and gets any scan point. The same case gives the same pairs.
     """
     random = np.random.default_rng([case.configuration, *case.robot.encode()])
     on_model = np.flatnonzero(case.labels >= 0)

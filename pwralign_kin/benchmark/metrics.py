@@ -1,8 +1,8 @@
 """Right or wrong, by the truth.
 
-A case is a success when every observed part is found: the mean distance of its surface, placed by the estimate, to its
-surface in truth (ADD-S, Hinterstoisser et al., ACCV 2012, with surfaces in place of vertices) is below 2% of the
-model's diagonal. A turn about a part's own symmetry axis, which no scan can tell, costs nothing.
+A case is a success when every observed part is found: the mean distance of its surface, placed by the
+estimate, to its surface in truth (ADD-S of Hinterstoisser et al., ACCV 2012, but to the surface instead of to
+vertices) is below 2% of the model's diagonal. A turn about a part's own symmetry axis costs nothing.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Score:
     """Mean surface distance of each observed part, model diagonals; infinite without an answer."""
 
     joint_errors: Mapping[str, float]
-    """Error of each joint that the scan can tell: degrees, or percent of a slide's range; empty without an answer."""
+    """Error of each joint: degrees, or percent of a slide's range; empty without an answer."""
 
     @property
     def recall(self) -> float:
@@ -91,8 +91,8 @@ class Ruler:
         """Sample the surface of every part that has one (seeded: always the same samples)."""
         self.model = model
         solid = {index: part for index, part in enumerate(model.parts) if len(part.faces)}
-        self.samples = {i: surface_samples(part.vertices, part.faces, SAMPLES, i) for i, part in solid.items()}
-        self.scenes = {i: RayScene(part.vertices, part.faces) for i, part in solid.items()}
+        self.samples = {i: surface_samples(p.vertices, p.faces, SAMPLES, i) for i, p in solid.items()}
+        self.scenes = {i: RayScene(p.vertices, p.faces) for i, p in solid.items()}
 
     def placements(self, state: State) -> Array:
         """Return (parts, 4, 4) the placements of all parts in the scan frame."""
@@ -126,13 +126,13 @@ class Ruler:
     def part_errors(self, reference: Reference, placements: Array) -> Array:
         """Return the mean surface distance of each observed part, model diagonals."""
         moved = inverse(reference.placements) @ placements
-        return np.array([self._distance(i, transform(moved[i], self.samples[i])).mean() for i in reference.observed])
+        return np.array([self._displacement(i, moved[i]) for i in reference.observed])
 
     def overlaid(self, reference: Reference, placements: Array) -> bool:
         """Return whether the answer looks right, whichever part is called which.
 
-        Every observed part's true surface must lie on the posed model, and as many parts of the posed model on
-        the true one.
+        Every observed part's true surface must lie on the posed model, and as many parts of the posed model
+        on the true one.
         """
         true = reference.placements
         if not all(self._distance_to_all(i, true, placements) < OVERLAID for i in reference.observed):
@@ -141,17 +141,14 @@ class Ruler:
         return right >= len(reference.observed)
 
     def joint_errors(self, reference: Reference, answer: State) -> dict[str, float]:
-        """Return the errors of the joints that the scan can tell: degrees, or percent of a slide's range."""
+        """Return the error of each joint: degrees, or percent of a slide's range."""
         model = self.model
         offsets = model.values(answer.joints) - model.values(reference.truth.joints)
-        errors = {}
-        for name in reference.told:
-            index = model.joint_names.index(name)
-            if model.units[name] == "m":
-                errors[name] = float(100.0 * abs(offsets[index]) / (model.upper[index] - model.lower[index]))
-            else:
-                errors[name] = abs(float(np.degrees(wrapped(offsets[index]))))
-        return errors
+        slides = np.array([model.units[name] == "m" for name in model.joint_names], bool)
+        errors = np.where(
+            slides, 100.0 * offsets / (model.upper - model.lower), np.degrees([wrapped(o) for o in offsets])
+        )
+        return dict(zip(model.joint_names, np.abs(errors).tolist(), strict=True))
 
     def _told(self, truth: State, observed: tuple[int, ...]) -> tuple[str, ...]:
         model = self.model
@@ -164,13 +161,16 @@ class Ruler:
             moved[index] += PROBE_SLIDE * span if model.units[name] == "m" else PROBE_TURN
             motions = back @ model.part_placements(moved)
             carried = [i for i in observed if not np.allclose(motions[i], np.eye(4), atol=1e-9)]
-            shifts = (self._distance(i, transform(motions[i], self.samples[i])).mean() for i in carried)
-            if any(shift > TOLD for shift in shifts):
+            if any(self._displacement(i, motions[i]) > TOLD for i in carried):
                 told.append(name)
         return tuple(told)
 
+    def _displacement(self, part: int, motion: Array) -> float:
+        """Return the mean distance of a part's surface to itself after `motion` (4, 4), model diagonals."""
+        return float(self._distance(part, transform(motion, self.samples[part])).mean())
+
     def _distance_to_all(self, part: int, placements: Array, others: Array) -> float:
-        """Return the mean distance of one placed part's surface to all parts placed by `others`, model diagonals."""
+        """Return the mean distance of one placed part's surface to all parts placed by `others`."""
         placed = transform(placements[part], self.samples[part])
         nearest = np.min(
             [self._distance(i, transform(inverse(others[i]), placed)) for i in self.samples], axis=0
@@ -191,7 +191,7 @@ def surface_samples(vertices: Array, faces: NDArray[np.int64], count: int, seed:
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     face = random.choice(len(faces), count, p=area / area.sum())
     weights = random.dirichlet([1.0, 1.0, 1.0], count)
-    return np.einsum("nc,nci->ni", weights, corners[face])
+    return np.asarray(np.einsum("nc,nci->ni", weights, corners[face]))
 
 
 def wrapped(angle: float) -> float:

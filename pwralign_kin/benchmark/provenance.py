@@ -7,11 +7,14 @@ import platform
 import subprocess
 import sys
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("pwralign-kin", "numpy", "scipy", "casadi", "pin", "open3d-cpu", "open3d", "trimesh", "yourdfpy", "example-robot-data")
+PACKAGES = (
+    "pwralign-kin", "numpy", "scipy", "casadi", "pin", "open3d-cpu", "open3d", "trimesh", "yourdfpy",
+    "example-robot-data",
+)  # fmt: skip
 
 REPORT = "BENCHMARKS.md"
 """The document that holds the figures; writing them does not make the tree dirty."""
@@ -36,8 +39,8 @@ class Provenance:
         """Return one paragraph."""
         packages = ", ".join(f"{name} {number}" for name, number in self.versions.items())
         return (
-            f"Measured {self.date} at commit {self.commit} by `{self.command}` on {self.processor}, {self.cores} cores, "
-            f"{self.threads} threads, {self.system}; {packages}."
+            f"Measured {self.date} at commit {self.commit} by `{self.command}` on {self.processor}, "
+            f"{self.cores} cores, {self.threads} threads, {self.system}; {packages}."
         )
 
 
@@ -50,7 +53,7 @@ def provenance(repository: Path, threads: int, command: str) -> Provenance:
         system=f"{platform.system()} {platform.machine()}",
         versions={"Python": platform.python_version(), **_versions()},
         commit=_commit(repository),
-        date=datetime.now(timezone.utc).strftime("%Y-%m-%d"),
+        date=datetime.now(UTC).strftime("%Y-%m-%d"),
         command=command,
     )
 

@@ -24,9 +24,6 @@ class Outcome:
     told: tuple[str, ...]
     """Joints that the scan can tell, by the truth."""
 
-    joints: tuple[str, ...]
-    """All joints."""
-
     undetermined: tuple[str, ...]
     """Joints that the estimate calls undetermined."""
 
@@ -41,8 +38,9 @@ class Outcome:
     def __str__(self) -> str:
         """Return one line for the progress display."""
         verdict = "found" if self.score.success else "overlaid" if self.score.overlay else "MISSED"
-        error = "" if self.fault else f" {100 * self.score.mean_error:.2f}% D"
-        return f"{self.robot}-{self.configuration}-{self.tier} [{self.method}] {verdict}{error} {self.seconds:.2f} s {self.fault}"
+        error = self.fault or f"{100 * self.score.mean_error:.2f}% D"
+        case = f"{self.robot}-{self.configuration}-{self.tier}"
+        return f"{case} [{self.method}] {verdict} {error} {self.seconds:.2f} s"
 
 
 def evaluate(
@@ -55,7 +53,7 @@ def evaluate(
 ) -> list[Outcome]:
     """Run all methods on all cases of the robots in the tiers.
 
-    The first estimate of all is made twice and counts once, so that no time includes the loading of libraries.
+    The first estimate of all is made twice and counts once: no time includes the loading of libraries.
     """
     outcomes: list[Outcome] = []
     tiers = tuple(tiers)
@@ -85,7 +83,6 @@ def _outcome(
         method=name,
         score=ruler.score(reference, None if found is None else found.state),
         told=reference.told,
-        joints=ruler.model.joint_names,
         undetermined=() if found is None else found.undetermined,
         seconds=given.seconds,
         fault=given.fault,

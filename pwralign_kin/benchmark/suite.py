@@ -1,4 +1,4 @@
-"""The tables of the benchmark by the names of their sections: what each runs, and how its figures are put down."""
+"""The tables of the benchmark by name: what each runs, and how its figures are put down."""
 
 from __future__ import annotations
 
@@ -114,8 +114,9 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
 def _evaluate(
     settings: Settings, tiers: Iterable[str], methods: Mapping[str, Method], progress: Progress
 ) -> list[Outcome]:
+    chosen = settings.tiers or tiers
     return evaluate(
-        _robots(settings), settings.tiers or tiers, settings.configurations, methods, settings.threads, progress
+        _robots(settings), chosen, settings.configurations, methods, settings.threads, progress
     )
 
 

@@ -19,8 +19,8 @@ LEAST_SQUARES = ("default", "no-least-squares", "no-bounds")
 def overlay_table(head: str, outcomes: Outcomes, key: Callable[[Outcome], str]) -> str:
     """Return how many cases are right, how exactly and how fast, in groups by `key` and in all."""
     heads = [
-        head, " cases", " success", " overlay", " fine", " part recall", " median error", " time median", " time max",
-        " joints median", " joints 90%", " errors",
+        head, " cases", " success", " overlay", " fine", " part recall", " median error", " time median",
+        " time max", " joints median", " joints 90%", " errors",
     ]  # fmt: skip
     rows = []
     for name, own in [*grouped(outcomes, key), ("all", outcomes)]:
@@ -45,21 +45,26 @@ def overlay_table(head: str, outcomes: Outcomes, key: Callable[[Outcome], str]) 
 
 
 def determined_table(outcomes: Outcomes) -> str:
-    """Return how well `undetermined` tells the joints that the scan tells from those that it does not, in successes."""
+    """Return how `undetermined` compares with what the scans can tell by the truth, in successes."""
     heads = [
-        "tier", " joints that the scan can tell", " of these called determined", " error median", " error 90%",
-        " joints that it cannot", " of these called undetermined",
+        "tier", " joints that the scan can tell", " of these called determined", " joints that it cannot",
+        " of these called undetermined", " joints called determined: error median", " 90%", " over 5",
     ]  # fmt: skip
     rows = []
     for name, own in [*grouped(outcomes, lambda outcome: outcome.tier), ("all", outcomes)]:
         found = [outcome for outcome in own if outcome.score.success]
-        called = [name not in o.undetermined for o in found for name in o.told]
-        errors = [o.score.joint_errors[name] for o in found for name in o.told if name not in o.undetermined]
-        hidden = [name in o.undetermined for o in found for name in o.joints if name not in o.told]
+        told = [joint not in o.undetermined for o in found for joint in o.told]
+        hidden = [joint in o.undetermined for o in found for joint in o.score.joint_errors.keys() - o.told]
+        errors = [
+            error
+            for o in found
+            for joint, error in o.score.joint_errors.items()
+            if joint not in o.undetermined
+        ]
         rows.append(
             [
-                name, str(len(called)), share(called), figure(median(errors)), figure(quantile(errors, 0.9)),
-                str(len(hidden)), share(hidden),
+                name, str(len(told)), share(told), str(len(hidden)), share(hidden), figure(median(errors)),
+                figure(quantile(errors, 0.9)), share([error > 5 for error in errors]),
             ]
         )  # fmt: skip
     return markdown(heads, rows)
@@ -68,8 +73,8 @@ def determined_table(outcomes: Outcomes) -> str:
 def ablation_table(outcomes: Outcomes) -> str:
     """Return what each part of the pipeline is worth.
 
-    Joint errors stand beside those of the default on the same cases: those where both succeed. A method that finds
-    the easy cases only would look exact otherwise.
+    Joint errors stand beside those of the default on the same cases: those where both succeed. A method that
+    finds the easy cases only would look exact otherwise.
     """
     default = {outcome.case: outcome for outcome in outcomes if outcome.method == "default"}
     heads = [
@@ -102,7 +107,8 @@ def overlay_by_tier_table(outcomes: Outcomes) -> str:
     rows = []
     for name, own in grouped(outcomes, lambda outcome: outcome.method):
         by_tier = dict(grouped(own, lambda outcome: outcome.tier))
-        rows.append([ABLATIONS[name].title, *(share([o.score.overlay for o in by_tier[tier]]) for tier in tiers)])
+        shares = [share([outcome.score.overlay for outcome in by_tier[tier]]) for tier in tiers]
+        rows.append([ABLATIONS[name].title, *shares])
     return markdown(["overlay of variant", *(f" {tier}" for tier in tiers)], rows)
 
 
@@ -114,12 +120,10 @@ def least_squares_table(outcomes: Outcomes) -> str:
     heads = ["tier", " cases", *(f" {ABLATIONS[name].title}" for name in LEAST_SQUARES)]
     rows = []
     for tier, own in [*grouped(outcomes, lambda outcome: outcome.tier), ("all", outcomes)]:
-        by_method = {name: {o.case: o for o in own if o.method == name} for name in LEAST_SQUARES}
-        common = [
-            case for case in by_method["default"] if all(found[case].score.success for found in by_method.values())
-        ]
+        methods = [{o.case: o for o in own if o.method == name} for name in LEAST_SQUARES]
+        common = [case for case in methods[0] if all(found[case].score.success for found in methods)]
         cells = []
-        for found in by_method.values():
+        for found in methods:
             joints = joint_errors([found[case] for case in common])
             parts = [100 * found[case].score.mean_error for case in common]
             cells.append(
@@ -156,4 +160,4 @@ def grouped(outcomes: Outcomes, key: Callable[[Outcome], str]) -> list[tuple[str
 
 def joint_errors(outcomes: Iterable[Outcome]) -> list[float]:
     """Return the errors of all joints that the scans can tell, of successes: elsewhere they mean nothing."""
-    return [error for own in outcomes if own.score.success for error in own.score.joint_errors.values()]
+    return [own.score.joint_errors[name] for own in outcomes if own.score.success for name in own.told]

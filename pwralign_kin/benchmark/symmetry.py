@@ -1,8 +1,8 @@
 """Joint errors up to what a model's own symmetry hides.
 
-A square limb turned by a right angle, or a figure whose arms are taken for each other, looks the same with joint values
-that are far from the truth. So the answer's surface is read again, starting at the truth: the joint values that place
-the true parts on it are what the answer says in the truth's words.
+A square limb turned by a right angle, or a figure whose arms are taken for each other, looks the same with
+joint values that are far from the truth. So the answer's surface is read again, starting at the truth: the
+joint values that place the true parts on it are what the answer says in the truth's words.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _units(ruler: Ruler) -> Array:
 
 
 def _step(ruler: Ruler, reference: Reference, surface: RayScene, base: Array, values: Array) -> Array:
-    """Return the step (6 + k,) of base twist about its own origin and joints, in radians and model diagonals."""
+    """Return the step (6 + k,) of base twist about its own origin and of joints, rad and model diagonals."""
     model, R = ruler.model, base[:3, :3]
     placements = base @ model.part_placements(values)
     jacobians = model.part_jacobians(values)

@@ -33,8 +33,8 @@ def sections(text: str) -> list[str]:
 def with_section(text: str, name: str, body: str) -> str:
     """Return the document `text` with the content of its section `name` replaced.
 
-    A section stands between the lines `<!-- table:name -->` and `<!-- end -->`. Raises `UnknownNameError` where the
-    document has none of that name.
+    A section stands between the lines `<!-- table:name -->` and `<!-- end -->`. Raises `UnknownNameError`
+    where the document has none of that name.
     """
     if name not in sections(text):
         raise UnknownNameError("section", name, sections(text))

@@ -33,7 +33,9 @@ UNCONVINCING = 0.04
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
-"""Score that an undetermined joint may cost when it is set to its prior."""
+"""Score that an undetermined joint may cost when it is set to its prior, ..."""
+NO_POINTS = 3.0
+"""... and scan points that it may leave unexplained."""
 LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
 EQUAL = 0.01
@@ -219,7 +221,7 @@ class Estimator:
             base, values = self._at_prior(search, base, values, int(joint), prior)
         settled = solver.with_locked(judged.undetermined, values).run(base, values)
         again = doubt(settled.problem, self.slide, solver.locked | judged.undetermined, noise)
-        return settled, Doubt(judged.undetermined, again.covariance)
+        return settled, Doubt(judged.undetermined, judged.displacement, again.covariance)
 
     def _at_prior(
         self, search: TreeSearch, base: Array, values: Array, joint: int, prior: Array
@@ -232,9 +234,11 @@ class Estimator:
         before = search.part_placements(Candidates(origin, values[None], none))[0, child]
         after = search.part_placements(Candidates(origin, moved[None], none))[0, child]
         bases = np.array([base, base, base @ before @ inverse(after)])
-        scores = search.scored(Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32)))[0].scores
+        choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
+        scores, coverage = search.scored(choices)[0].scores, search.coverage(choices)
         best = int(np.argmax(scores[1:])) + 1
-        if scores[best] < scores[0] - NO_COST:
+        lost = (coverage[0] - coverage[best]) * len(search.observation.points)
+        if scores[best] < scores[0] - NO_COST or lost > NO_POINTS:
             return base, values
         return bases[best], moved
 

@@ -14,7 +14,7 @@ PROBE_TURN = float(np.radians(5.0))
 """A joint is probed by this turn (rad) ..."""
 PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
-LEAST_DISPLACEMENT = 0.003
+LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
 LEAST_POINTS = 8
 """Correspondences below which a part counts as unseen."""
@@ -26,6 +26,8 @@ class Doubt:
 
     undetermined: NDArray[np.bool_]
     """(k,) joints that the scan does not tell."""
+    displacement: Array
+    """(k,) rms displacement of observed surface that a probe motion of each joint leaves, model diagonals."""
     covariance: Array
     """(6 + k, 6 + k) of base twist and joints; zero rows where undetermined."""
 
@@ -45,13 +47,13 @@ def doubt(problem: Problem, slide: NDArray[np.bool_], locked: NDArray[np.bool_],
     weights[seen] = 1.0 / np.maximum(mass[seen], 1e-12)
     mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.part_H, problem.J)
     free = np.concatenate([np.ones(6, bool), ~locked])
-    undetermined = np.zeros(size - 6, bool)
     ridge = 1e-9 * np.eye(int(free.sum()))
     inverse = np.linalg.inv(mean_H[np.ix_(free, free)] + ridge)
     probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
-    left = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
-    undetermined[~locked] = left < LEAST_DISPLACEMENT
-    return Doubt(undetermined, _covariance(problem, undetermined | locked, noise))
+    displacement = np.zeros(size - 6)
+    displacement[~locked] = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
+    undetermined = ~locked & (displacement < LEAST_DISPLACEMENT)
+    return Doubt(undetermined, displacement, _covariance(problem, undetermined | locked, noise))
 
 
 def _covariance(problem: Problem, fixed: NDArray[np.bool_], noise: float) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files
-from pwralign_kin.render import PosedMesh, RayScene
+from pwralign_kin.render import Indices, PosedMesh, RayScene
 from pwralign_kin.scan import write_ply
 from pwralign_kin.se3 import Array
 
@@ -28,9 +28,10 @@ _DIRECTIONS = 64
 _STEP = 1e-4  # of the diagonal: how far off the surface its two sides are looked at
 _SEEN = 0.05  # a place is seen from outside where more of its half sphere is free
 _EVEN = 0.1  # difference in openness up to which neither side counts as the outer one
-_SPACING = 0.02  # of the diagonal: large faces are looked at in as many places
+_SPACING = 0.01  # of the diagonal: large faces are looked at in as many places
 _MOST_PLACES = 2000  # per face
-_REACH = 0.01  # of the diagonal: how far around a hidden place the surface is searched for hidden faces
+_REACH = 0.01  # of the diagonal: how far around a hidden place other hidden faces are looked for
+_ROUNDS = 6
 _CHUNK = 20_000
 
 
@@ -49,14 +50,19 @@ def signed_distances(mesh: PosedMesh, points: Array) -> Array:
         return np.empty(0)
     closest, normals, faces = mesh.scene.closest(local)
     front, back = _open_sides(mesh, closest, _towards(local, closest, normals))
-    unseen = np.flatnonzero(np.maximum(front, back) < _SEEN)
-    left = np.ones(len(mesh.faces), dtype=bool)
-    left[_hidden_faces(mesh, local[unseen], faces[unseen])] = False
-    if len(unseen) and left.any():
-        rest = RayScene(mesh.vertices - mesh.centre, mesh.faces[left])
-        closest[unseen], normals[unseen], _ = rest.closest(local[unseen])
-        towards = _towards(local[unseen], closest[unseen], normals[unseen])
-        front[unseen], back[unseen] = _open_sides(mesh, closest[unseen], towards)
+    around = _Surroundings(mesh)
+    for _ in range(_ROUNDS):
+        unseen = np.flatnonzero(np.maximum(front, back) < _SEEN)
+        around.look(closest[unseen], faces[unseen])
+        again = unseen[around.hidden[faces[unseen]]]
+        kept = np.flatnonzero(~around.hidden)
+        if not len(again) or not len(kept):
+            break
+        rest = RayScene(mesh.vertices - mesh.centre, mesh.faces[kept])
+        closest[again], normals[again], index = rest.closest(local[again])
+        faces[again] = kept[index]
+        towards = _towards(local[again], closest[again], normals[again])
+        front[again], back[again] = _open_sides(mesh, closest[again], towards)
 
     # A place on an edge is closest only to points outside; elsewhere the offset lies along the normal.
     along = np.einsum("ni,ni->n", _towards(local, closest, normals), normals)
@@ -66,7 +72,7 @@ def signed_distances(mesh: PosedMesh, points: Array) -> Array:
 
 
 def write_deviation_ply(
-    path: Path, points: Array, distances: Array, labels: NDArray[np.int64], mesh: PosedMesh
+    path: Path, points: Array, distances: Array, labels: Indices, mesh: PosedMesh
 ) -> None:
     """Write the scan points with the properties `distance` (m), `part` (-1: not the model's) and a colour.
 
@@ -87,9 +93,7 @@ def write_deviation_ply(
     write_ply(path, points, properties)
 
 
-def write_deviation_table(
-    path: Path, distances: Array, labels: NDArray[np.int64], parts: Sequence[str]
-) -> None:
+def write_deviation_table(path: Path, distances: Array, labels: Indices, parts: Sequence[str]) -> None:
     """Write a CSV with a row per part: number, name, and the signed distances (m) of its scan points."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -112,35 +116,49 @@ def _figures(distances: Array) -> tuple[float, float, float, float]:
     )
 
 
-def _hidden_faces(mesh: PosedMesh, local: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces around points (n, 3) that cannot be seen from outside; `faces` (n,) are closest."""
-    from scipy.spatial import cKDTree
+class _Surroundings:
+    """Which faces can be seen from outside, found out where it matters only."""
 
-    if not len(local):
-        return faces
-    places, owner, normals = _spread(mesh)
-    near, _ = cKDTree(local).query(places, distance_upper_bound=_REACH * mesh.diagonal)
-    suspects = np.union1d(owner[np.isfinite(near)], faces)
-    looked_at = np.isin(owner, suspects)
-    places, owner = places[looked_at], owner[looked_at]
-    openness = np.maximum(*_open_sides(mesh, places, normals[owner]))
-    return np.setdiff1d(suspects, owner[openness >= _SEEN])
+    hidden: NDArray[np.bool_]
+    """(f,) faces known to be hidden."""
 
+    def __init__(self, mesh: PosedMesh) -> None:
+        """Spread places over the faces: the centroid, and on large faces more as their area asks for."""
+        corners = mesh.vertices[mesh.faces] - mesh.centre
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        double_area = np.linalg.norm(normals, axis=1)
+        normals /= np.where(double_area > 0.0, double_area, 1.0)[:, None]
+        counts = np.clip(np.ceil(double_area / (_SPACING * mesh.diagonal) ** 2), 1, _MOST_PLACES).astype(int)
+        owner = np.repeat(np.arange(len(counts)), counts)
+        number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+        # The sequence of the plastic number, begun at the centroid and folded into the triangle.
+        weights = (1.0 / 3.0 + number[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
+        weights = np.where(weights.sum(axis=1, keepdims=True) > 1.0, 1.0 - weights, weights)
+        edges = corners[owner, 1:] - corners[owner, :1]
+        self._mesh = mesh
+        self._places = corners[owner, 0] + np.einsum("ne,nei->ni", weights, edges)
+        self._normals = normals
+        self._owner = owner
+        self._looked_at = np.zeros(len(mesh.faces), dtype=bool)
+        self.hidden = np.zeros(len(mesh.faces), dtype=bool)
 
-def _spread(mesh: PosedMesh) -> tuple[Array, NDArray[np.int64], Array]:
-    """Return places (n, 3) all over the mesh, on every face at least one, their faces (n,), face normals."""
-    corners = mesh.vertices[mesh.faces] - mesh.centre
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    double_area = np.linalg.norm(normals, axis=1)
-    normals /= np.where(double_area > 0.0, double_area, 1.0)[:, None]
-    counts = np.clip(np.ceil(double_area / (_SPACING * mesh.diagonal) ** 2), 1, _MOST_PLACES).astype(np.int64)
-    owner = np.repeat(np.arange(len(counts)), counts)
-    number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    # The centroid first, then the sequence of the plastic number, folded into the triangle.
-    weights = (1.0 / 3.0 + number[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
-    weights = np.where(weights.sum(axis=1, keepdims=True) > 1.0, 1.0 - weights, weights)
-    edges = corners[owner, 1:] - corners[owner, :1]
-    return corners[owner, 0] + np.einsum("ne,nei->ni", weights, edges), owner, normals
+    def look(self, hidden: Array, faces: Indices) -> None:
+        """Find out about the faces (n,) that hidden places (n, 3) lie on, and about all others near them."""
+        from scipy.spatial import cKDTree
+
+        if not len(hidden):
+            return
+        near, _ = cKDTree(hidden).query(self._places, distance_upper_bound=_REACH * self._mesh.diagonal)
+        asked = np.zeros(len(self.hidden), dtype=bool)
+        asked[self._owner[np.isfinite(near)]] = True
+        asked[faces] = True
+        asked &= ~self._looked_at
+        rows = np.flatnonzero(asked[self._owner])
+        owner = self._owner[rows]
+        seen = np.maximum(*_open_sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
+        self.hidden |= asked
+        self.hidden[owner[seen]] = False
+        self._looked_at |= asked
 
 
 def _towards(local: Array, closest: Array, normals: Array) -> Array:

@@ -17,6 +17,8 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
                         Assignment &a) const {
     const int n = model.parts, points = int(sampled.size());
     const float squared = sigma * sigma;
+    // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
+    const float doubtful = field.has_origin ? 0.f : .1f;
     std::vector<uint8_t> mask(n);
     std::vector<RigidF> F(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]), normal[p] = Normal();
@@ -30,8 +32,9 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
         const Vec offset = sampled[i].p - foot;
         const float residual = dot(offset, surface_normal), distance = a.distance[i];
         const float kernel = squared / (squared + distance * distance);
-        const float agreement = std::abs(dot(surface_normal, sampled[i].n));
-        const float w = kernel * kernel * (.1f + .9f * agreement) / points;
+        // A point that faces away from the surface lies on another one, such as the other face of a panel.
+        const float agreement = std::max(0.f, dot(surface_normal, sampled[i].n));
+        const float w = kernel * kernel * (doubtful + (1 - doubtful) * agreement) / points;
         normal[p].add_plane(foot - centre, surface_normal, residual, w);
         // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
         const Vec along = offset - residual * surface_normal;

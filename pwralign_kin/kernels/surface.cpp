@@ -63,8 +63,7 @@ std::vector<uint16_t> closest_sample_grid(const Vec *samples, int64_t count, Vec
             for (int b = std::max(0, j - 1); b <= std::min(ny - 1, j + 1); ++b)
                 for (int c = std::max(0, k - 1); c <= std::min(nz - 1, k + 1); ++c) offer(a, b, c, uint16_t(s));
     }
-    // Forward and backward sweeps over the causal half of the 26 neighbours, until nothing changes.
-    for (int pass = 0; pass < 2; ++pass)
+    // A forward and a backward sweep over the causal half of the 26 neighbours.
         for (int direction = 1; direction >= -1; direction -= 2) {
             const int i0 = direction > 0 ? 0 : nx - 1, j0 = direction > 0 ? 0 : ny - 1, k0 = direction > 0 ? 0 : nz - 1;
             for (int i = i0; i >= 0 && i < nx; i += direction)

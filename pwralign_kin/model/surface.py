@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float32]
 
-VERSION = 3  # part of the cache key: raise it when the preparation changes
+VERSION = 5  # part of the cache key: raise it when the preparation changes
 COARSE_SAMPLES = 160
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
-MOST_DENSE_SAMPLES = 12000
-GRID_CELLS = 56
+MOST_DENSE_SAMPLES = 30000
+GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
 GRID_BAND = 0.07
 CONFIGURATIONS = 12
 DIRECTIONS = 14
@@ -245,7 +245,7 @@ def _surface(
 
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     origin, extent = low - GRID_BAND, high - low + 2 * GRID_BAND
-    cell = float(extent.max() / GRID_CELLS)
+    cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
     dims = tuple(int(np.ceil(e / cell)) + 1 for e in extent)
     dense = np.ascontiguousarray(dense, np.float32)
     grid = kernels.closest_sample_grid(dense, tuple(map(float, origin)), cell, dims, GRID_BAND)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import BOT_JOINTS, BOT_VALUES, estimate_from, scan_of
+from boxbot import BOT_JOINTS, BOT_VALUES, estimate_from, scan_of
 from PIL import Image
 
 from pwralign_kin.estimation.estimate import Estimate

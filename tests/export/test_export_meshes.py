@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import BOT_VALUES
+from boxbot import BOT_VALUES
 
 from pwralign_kin.exceptions import UnknownNameError
 from pwralign_kin.export.axes import UP_AXES, up_vector

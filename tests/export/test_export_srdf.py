@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from conftest import BOT_VALUES
+from boxbot import BOT_VALUES
 from lxml import etree
 from scipy.spatial.transform import Rotation
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yourdfpy
-from conftest import BOT_VALUES, estimate_from, placement
+from boxbot import BOT_VALUES, estimate_from, placement
 from lxml import etree
 
 from pwralign_kin import se3
