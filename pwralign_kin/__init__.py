@@ -6,7 +6,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pwralign_kin.estimation import Alternative, Correspondences, Estimate, EstimatorOptions, PartEstimate, estimate
+    from pwralign_kin.estimation import (
+        Alternative,
+        Correspondences,
+        Estimate,
+        EstimatorOptions,
+        PartEstimate,
+        estimate,
+    )
     from pwralign_kin.exceptions import PwralignError
     from pwralign_kin.model import ArticulatedModel
     from pwralign_kin.scan import Scan

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.exceptions import DependencyError, ModelError, StateError
+from pwralign_kin.dependencies import open3d
+from pwralign_kin.exceptions import ModelError, StateError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, rotation_about, transform
@@ -143,12 +143,10 @@ class RayScene:
 
     def __init__(self, vertices: Array, faces: Indices) -> None:
         """Take over `vertices` (v, 3), m, and `faces` (f, 3). Raises `DependencyError` without Open3D."""
-        open3d = _open3d()
-        self._tensor = open3d.core.Tensor
-        self._scene = open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(
-            self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32))
-        )
+        library = open3d()
+        self._tensor = library.core.Tensor
+        self._scene = library.t.geometry.RaycastingScene()
+        self._scene.add_triangles(self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32)))
 
     def cast(self, rays: Singles) -> Hits:
         """Return the first hit of each of `rays` (..., 6): origin and direction."""
@@ -170,19 +168,6 @@ class RayScene:
             answer["primitive_normals"].numpy().astype(np.float64),
             answer["primitive_ids"].numpy().astype(np.int64),
         )
-
-
-def _open3d() -> Any:
-    """Return the module, or raise `DependencyError` with the command that mends it."""
-    try:
-        import open3d
-    except ModuleNotFoundError:
-        remedy = "pip install open3d-cpu (elsewhere than Linux x86-64: open3d)"
-        raise DependencyError("Open3D is not installed", remedy) from None
-    except (ImportError, OSError) as error:
-        remedy = "apt-get install -y libegl1 libgl1 libx11-6 libusb-1.0-0 libgomp1"
-        raise DependencyError(f"Open3D does not load ({error})", remedy) from None
-    return open3d
 
 
 def posed_mesh(model: ArticulatedModel, state: State) -> PosedMesh:
@@ -254,9 +239,7 @@ def default_views(
     frame, by default z.
     """
     up = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
-    candidates = [
-        _oblique_view(mesh, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))
-    ]
+    candidates = [_oblique_view(mesh, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))]
     scores = np.array([_view_score(mesh, scan, view, size) for view in candidates])
     if scan is not None and scan.sensor_origin is not None and np.ndim(scan.sensor_origin) == 1:
         first = _view_from(np.asarray(scan.sensor_origin, dtype=np.float64), mesh, up, size)
@@ -267,9 +250,7 @@ def default_views(
     return first, second
 
 
-def draw(
-    mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720)
-) -> Image:
+def draw(mesh: PosedMesh, view: View, scan: Scan | None = None, *, size: tuple[int, int] = (1280, 720)) -> Image:
     """Return the picture (height, width, 3) of `mesh` from `view` with the points of `scan`; see `render`."""
     buffers = _cast(mesh, view, (SAMPLES_PER_PIXEL * size[0], SAMPLES_PER_PIXEL * size[1]))
     colour = _shaded(mesh, buffers, view)
@@ -313,9 +294,7 @@ def corner_normals(vertices: Array, faces: Indices) -> Array:
     rows = np.concatenate([one, following(one)])
     columns = np.concatenate([linked_two_start, linked_two_end])
     size = 3 * len(faces)
-    _, group = connected_components(
-        coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
-    )
+    _, group = connected_components(coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size)))
     per_corner = np.repeat(area_normal, 3, axis=0)
     total = np.stack([np.bincount(group, per_corner[:, axis]) for axis in range(3)], axis=1)
     total_length = np.linalg.norm(total, axis=1, keepdims=True)
@@ -514,9 +493,7 @@ def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
     total = np.zeros(hit.shape)
     total[hit] = 1.0 - blocked.mean(axis=1)
     weight = uniform_filter(hit.astype(np.float64), 5, mode="constant")
-    smooth = np.where(
-        weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0
-    )
+    smooth = np.where(weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0)
     return np.asarray(smooth.repeat(2, axis=0).repeat(2, axis=1)[: buffers.size[1], : buffers.size[0]])
 
 
@@ -528,9 +505,7 @@ def _edges(buffers: _Buffers, diagonal: float) -> Array:
     for axis in (0, 1):
         here = tuple(slice(None, -1) if axis == side else slice(None) for side in (0, 1))
         there = tuple(slice(1, None) if axis == side else slice(None) for side in (0, 1))
-        outline = (buffers.part[here] != buffers.part[there]) | (
-            np.abs(depth[here] - depth[there]) > 0.03 * diagonal
-        )
+        outline = (buffers.part[here] != buffers.part[there]) | (np.abs(depth[here] - depth[there]) > 0.03 * diagonal)
         bend = np.einsum("...i,...i->...", buffers.normal[here], buffers.normal[there])
         crease = hit[here] & hit[there] & (bend < 0.7)
         strength = np.where(outline, 1.0, np.where(crease, 0.35, 0.0))
@@ -611,9 +586,7 @@ _LMS_TO_LINEAR = np.array(
 
 def _to_srgb(linear: Array) -> Array:
     """Return linear light in [0, 1] encoded as sRGB (IEC 61966-2-1)."""
-    return np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1.0 / 2.4) - 0.055
-    )
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1.0 / 2.4) - 0.055)
 
 
 def to_linear(srgb: Array) -> Array:

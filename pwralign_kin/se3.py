@@ -6,6 +6,7 @@ Quaternions are xyzw everywhere in this package (as in Pinocchio, SciPy and ROS)
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,9 @@ def checked_placement(value: Any, name: str) -> Array:
         raise StateError(f"{name} must be a finite 4x4 matrix, got shape {T.shape}")
     rigid = orthonormalised(T)
     if np.abs(rigid - T).max() > 1e-3:
-        raise StateError(f"{name} is not a rigid placement: its rotation is not orthonormal or its last row not 0 0 0 1")
+        raise StateError(
+            f"{name} is not a rigid placement: its rotation is not orthonormal or its last row not 0 0 0 1"
+        )
     return rigid
 
 
@@ -103,7 +106,9 @@ def from_quaternion(translation: Array, xyzw: Array) -> Array:
 
     q = np.asarray(xyzw, dtype=np.float64)
     if q.shape != (4,) or not np.isfinite(q).all() or np.linalg.norm(q) < 1e-9:
-        raise StateError(f"quaternion x y z w must be four finite numbers, not all zero, got {np.asarray(xyzw).tolist()}")
+        raise StateError(
+            f"quaternion x y z w must be four finite numbers, not all zero, got {np.asarray(xyzw).tolist()}"
+        )
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(q).as_matrix()
     T[:3, 3] = translation
@@ -118,8 +123,15 @@ def quaternion_xyzw(T: Array) -> Array:
     return -q if q[3] < 0 else q
 
 
-def roll_pitch_yaw(T: Array) -> Array:
-    """Return URDF's rpy (3,) of the placement `T`: fixed-axis roll, pitch, yaw (rad)."""
-    from scipy.spatial.transform import Rotation
+def roll_pitch_yaw(T: Array) -> tuple[float, float, float]:
+    """Return URDF's rpy of the placement `T`: fixed-axis roll, pitch, yaw (rad), exact at a pitch of a right angle too.
 
-    return np.asarray(Rotation.from_matrix(T[:3, :3]).as_euler("xyz"))
+    Where roll and yaw turn about the same axis their split is arbitrary; roll is taken from what is left once yaw is
+    undone, so that an error in one is made good by the other.
+    """
+    R = T[:3, :3]
+    yaw = math.atan2(R[1, 0], R[0, 0]) if math.hypot(R[0, 0], R[1, 0]) > 1e-12 else 0.0
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    pitch = math.atan2(-R[2, 0], cosine * R[0, 0] + sine * R[1, 0])
+    roll = math.atan2(sine * R[0, 2] - cosine * R[1, 2], cosine * R[1, 1] - sine * R[0, 1])
+    return roll, pitch, yaw

@@ -49,7 +49,11 @@ class State:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `state.json`."""
-        return {"base_link": self.base_link, "T_scan_base": self.T_scan_base.tolist(), "joints": dict(self.joints)}
+        return {
+            "base_link": self.base_link,
+            "T_scan_base": self.T_scan_base.tolist(),
+            "joints": dict(self.joints),
+        }
 
     @classmethod
     def from_dict(cls, content: Any, source: str = "state") -> State:

@@ -57,27 +57,29 @@ install_system_packages() {
   echo "installed"
 }
 
-# Print what the installed package was built from, so that an unchanged one is not built again.
+# Print what the installation depends on, so that an unchanged one is left alone.
 fingerprint() {
-  { echo "$1"; "$venv/bin/python" --version; cat pyproject.toml; find pwralign_kin/kernels -type f -name '*.?pp' -o -name CMakeLists.txt | sort | xargs cat; } | sha256sum
+  local sources
+  mapfile -t sources < <(find pwralign_kin/kernels -name '*.[ch]pp' | sort)
+  { "$venv/bin/python" --version; cat pyproject.toml pwralign_kin/kernels/CMakeLists.txt "${sources[@]}"; } | sha256sum
 }
 
 # Install the package in place, with the extra $1 if given.
 install_package() {
-  local target=".${1:+[$1]}" python
+  local extra="${1:-}" python
   python="$(find_python)"
   [ -n "$python" ] || fail "no Python 3.11 or newer; name one with PYTHON=..."
-  if [ ! -x "$venv/bin/python" ]; then
+  if [ ! -x "$venv/bin/pip" ]; then
     echo "creating .venv with $python"
-    "$python" -m venv "$venv"
+    "$python" -m venv --clear "$venv"
   fi
-  if [ "$(cat "$venv/.installed" 2>/dev/null)" = "$(fingerprint "$1")" ]; then
+  if [ "$(cat "$venv/.installed$extra" 2>/dev/null)" = "$(fingerprint)" ]; then
     echo "already installed in .venv"
     return
   fi
   echo "downloading the libraries and compiling the kernels; the first time takes a few minutes"
-  "$venv/bin/pip" install --quiet --progress-bar off -e "$target"
-  fingerprint "$1" > "$venv/.installed"
+  "$venv/bin/pip" install --quiet --progress-bar off -e ".${extra:+[$extra]}"
+  fingerprint | tee "$venv/.installed" > "$venv/.installed$extra"
   echo "installed in .venv"
 }
 
@@ -85,5 +87,5 @@ set_up() {
   step "System packages"
   install_system_packages
   step "Python package"
-  install_package "${1:-}"
+  install_package "$@"
 }

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pwralign_kin.benchmark.cases import load_robot, simulated_case
+from pwralign_kin.benchmark.cases import Case
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import markdown
 from pwralign_kin.estimation import Estimate, EstimatorOptions, estimate
@@ -55,21 +55,15 @@ class Gaps:
         return self.parts, self.pinocchio, self.yourdfpy, self.pinocchio_offset, self.yourdfpy_offset
 
 
-def measure(
-    robots: Iterable[str], tiers: Iterable[str], threads: int, progress: Progress
-) -> list[Gaps]:
-    """Estimate and export one case of each robot and tier, and read the export back."""
+def measure(cases: Iterable[tuple[ArticulatedModel, Case]], threads: int, progress: Progress) -> list[Gaps]:
+    """Estimate and export every case, and read the export back."""
     found = []
-    tiers = tuple(tiers)
-    for robot in robots:
-        model = load_robot(robot)
-        for tier in tiers:
-            case = simulated_case(model, robot, tier, 0)
-            result = estimate(model, case.scan, case.guess, options=EstimatorOptions(threads=threads))
-            with tempfile.TemporaryDirectory() as folder:
-                export(result, model, case.scan, folder)
-                found.append(gaps_of_export(robot, tier, model, result, Path(folder)))
-            progress(" ".join(_row(found[-1])))
+    for model, case in cases:
+        result = estimate(model, case.scan, case.guess, options=EstimatorOptions(threads=threads))
+        with tempfile.TemporaryDirectory() as folder:
+            export(result, model, case.scan, folder)
+            found.append(gaps_of_export(case, model, result, Path(folder)))
+        progress(" ".join(_row(found[-1])))
     return found
 
 
@@ -88,17 +82,15 @@ def _row(own: Gaps) -> list[str]:
     return [own.robot, own.tier, str(own.joints), *(f"{value:.1e} m" for value in own.metres)]
 
 
-def gaps_of_export(
-    robot: str, tier: str, model: ArticulatedModel, result: Estimate, folder: Path
-) -> Gaps:
+def gaps_of_export(case: Case, model: ArticulatedModel, result: Estimate, folder: Path) -> Gaps:
     """Return the gaps of an estimate and of its export in `folder`."""
     own = {name: part.T_scan_part for name, part in result.parts.items()}
     values = _exported_values(folder)
     by_pinocchio = read_by_pinocchio(folder / "aligned.urdf", values)
     by_yourdfpy = read_by_yourdfpy(folder / "aligned.urdf", values)
     return Gaps(
-        robot=robot,
-        tier=tier,
+        robot=case.robot,
+        tier=case.tier,
         joints=len(model.parts) - 1,
         parts=largest_gap(model, own),
         pinocchio=largest_gap(model, by_pinocchio),

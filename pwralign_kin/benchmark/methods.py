@@ -20,9 +20,6 @@ from pwralign_kin.se3 import inverse, transform
 
 logger = logging.getLogger(__name__)
 
-PAIRS = 1000
-"""Correspondences that a simulated outside matcher delivers."""
-
 Matching = Callable[[Case, Ruler, Reference], Correspondences]
 
 
@@ -86,23 +83,23 @@ def answer(method: Method, case: Case, ruler: Ruler, reference: Reference, threa
     return Answer(found, time.perf_counter() - start, "")
 
 
-def with_outside_pairs(wrong: float) -> Method:
-    """Return the method that has nothing but correspondences from outside, a share `wrong` of them wrong."""
+def with_outside_pairs(count: int, wrong: float) -> Method:
+    """Return the method that has `count` outside correspondences only, a share `wrong` of them wrong."""
 
     def match(case: Case, ruler: Ruler, reference: Reference) -> Correspondences:
-        return outside_pairs(case, ruler, reference, wrong)
+        return outside_pairs(case, ruler, reference, count, wrong)
 
-    return Method(f"{wrong:.0%} wrong", EstimatorOptions(sources=()), match)
+    return Method(f"{count} pairs, {wrong:.0%} wrong", EstimatorOptions(sources=()), match)
 
 
-def outside_pairs(case: Case, ruler: Ruler, reference: Reference, wrong: float) -> Correspondences:
-    """Return `PAIRS` pairs of a scan point and its place on the model, a share `wrong` of them torn apart.
+def outside_pairs(case: Case, ruler: Ruler, reference: Reference, count: int, wrong: float) -> Correspondences:
+    """Return pairs of a scan point and its place on the model, a share `wrong` of them torn apart.
 
     A wrong pair keeps its place on the model and gets any scan point. The same case gives the same pairs.
     """
     random = np.random.default_rng([case.configuration, *case.robot.encode()])
     on_model = np.flatnonzero(case.labels >= 0)
-    chosen = random.choice(on_model, min(PAIRS, len(on_model)), replace=False)
+    chosen = random.choice(on_model, min(count, len(on_model)), replace=False)
     target, labels = case.scan.points[chosen], case.labels[chosen]
     at_zero = ruler.model.part_placements(np.zeros(len(ruler.model.joint_names)))
     source = np.empty_like(target)

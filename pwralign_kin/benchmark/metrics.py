@@ -172,9 +172,7 @@ class Ruler:
     def _distance_to_all(self, part: int, placements: Array, others: Array) -> float:
         """Return the mean distance of one placed part's surface to all parts placed by `others`."""
         placed = transform(placements[part], self.samples[part])
-        nearest = np.min(
-            [self._distance(i, transform(inverse(others[i]), placed)) for i in self.samples], axis=0
-        )
+        nearest = np.min([self._distance(i, transform(inverse(others[i]), placed)) for i in self.samples], axis=0)
         return float(nearest.mean())
 
     def _distance(self, part: int, points: Array) -> Array:

@@ -71,9 +71,7 @@ def evaluate(
     return outcomes
 
 
-def _outcome(
-    name: str, method: Method, case: Case, ruler: Ruler, reference: Reference, threads: int
-) -> Outcome:
+def _outcome(name: str, method: Method, case: Case, ruler: Ruler, reference: Reference, threads: int) -> Outcome:
     given = answer(method, case, ruler, reference, threads)
     found = given.estimate
     return Outcome(

@@ -57,8 +57,8 @@ def evaluate_samples(folder: Path, threads: int, progress: Progress) -> list[Sam
 def table(outcomes: Iterable[SampleOutcome]) -> str:
     """Return a row per scan."""
     heads = [
-        "model", "scan", " overlay", " parts found", " joints that the scan can tell", " worst turn", " worst slide",
-        " joints called determined", " worst turn", " worst slide", " time",
+        "model", "scan", " overlay", " parts found", " joints that the scan can tell", " worst turn",
+        " worst slide", " joints called determined", " worst turn", " worst slide", " time",
     ]  # fmt: skip
     return markdown(heads, map(_row, outcomes))
 

@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from pwralign_kin.benchmark import first_use, joint_gap, samples, summaries
-from pwralign_kin.benchmark.cases import PARKED, ROBOTS
+from pwralign_kin.benchmark.cases import (
+    PARKED,
+    ROBOTS,
+    Case,
+    load_robot,
+    load_sample,
+    sample_cases,
+    sample_names,
+    simulated_case,
+)
 from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, Method, with_outside_pairs
 from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate
+from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
+
+ABLATION_ROBOTS = ("panda", "ur5", "z1", "allegro", "solo12", "tiago", "go2", "pendulum")
+"""Arms, a hand, twin legs, a mobile base, and hardly anything; the largest take an hour and say the same."""
 
 ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
 """Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""
 
 CORRESPONDENCE_TIERS = ("full", "single")
-WRONG_SHARES = (0.6, 1.0)
-"""With all pairs wrong nothing but the repair is left to find the pose: the control."""
+OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))
+"""Number, and share that is wrong. All wrong is the control: what the search finds in spite of them."""
 
 GAP_TIERS = ("full", "single")
 
@@ -54,7 +67,7 @@ class Result:
 
 def overlay(settings: Settings, progress: Progress) -> Result:
     """Every robot in every tier, with the default options."""
-    outcomes = _evaluate(settings, TIERS, {"default": DEFAULT}, progress)
+    outcomes = _evaluate(settings, ROBOTS, TIERS, {"default": DEFAULT}, progress)
     return Result(
         "\n".join(
             [
@@ -69,21 +82,21 @@ def overlay(settings: Settings, progress: Progress) -> Result:
 
 def ablation(settings: Settings, progress: Progress) -> Result:
     """Each part of the pipeline off in turn."""
-    outcomes = _evaluate(settings, ABLATION_TIERS, ABLATIONS, progress)
+    outcomes = _evaluate(settings, ABLATION_ROBOTS, ABLATION_TIERS, ABLATIONS, progress)
     tables = (summaries.ablation_table, summaries.overlay_by_tier_table, summaries.least_squares_table)
     return Result("\n".join(table(outcomes) for table in tables), outcomes)
 
 
 def correspondences(settings: Settings, progress: Progress) -> Result:
     """Nothing but correspondences from outside, most of them wrong."""
-    methods = {method.title: method for method in map(with_outside_pairs, WRONG_SHARES)}
-    outcomes = _evaluate(settings, CORRESPONDENCE_TIERS, methods, progress)
+    methods = {method.title: method for method in (with_outside_pairs(*pairs) for pairs in OUTSIDE_PAIRS)}
+    outcomes = _evaluate(settings, ROBOTS, CORRESPONDENCE_TIERS, methods, progress)
     return Result(summaries.correspondence_table(outcomes), outcomes)
 
 
 def first_use_costs(settings: Settings, progress: Progress) -> Result:
     """What imports, help and the preparation of a robot cost."""
-    costs = first_use.measure(_robots(settings), settings.threads, progress)
+    costs = first_use.measure(settings.robots or ROBOTS, settings.threads, progress)
     return Result(first_use.table(costs), costs)
 
 
@@ -95,7 +108,7 @@ def sample_scans(settings: Settings, progress: Progress) -> Result:
 
 def joint_gaps(settings: Settings, progress: Progress) -> Result:
     """Gaps at the joints of estimates and of their exports."""
-    gaps = joint_gap.measure(_robots(settings), settings.tiers or GAP_TIERS, settings.threads, progress)
+    gaps = joint_gap.measure(_gap_cases(settings), settings.threads, progress)
     return Result(joint_gap.table(gaps), gaps)
 
 
@@ -112,13 +125,24 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
 
 
 def _evaluate(
-    settings: Settings, tiers: Iterable[str], methods: Mapping[str, Method], progress: Progress
+    settings: Settings,
+    robots: Iterable[str],
+    tiers: Iterable[str],
+    methods: Mapping[str, Method],
+    progress: Progress,
 ) -> list[Outcome]:
-    chosen = settings.tiers or tiers
-    return evaluate(
-        _robots(settings), chosen, settings.configurations, methods, settings.threads, progress
-    )
+    robots, tiers = settings.robots or robots, settings.tiers or tiers
+    return evaluate(robots, tiers, settings.configurations, methods, settings.threads, progress)
 
 
-def _robots(settings: Settings) -> tuple[str, ...]:
-    return settings.robots or tuple(ROBOTS)
+def _gap_cases(settings: Settings) -> Iterator[tuple[ArticulatedModel, Case]]:
+    """Yield a case per robot and tier; with all robots also the sample scans: mimic joints and slides."""
+    for robot in settings.robots or ROBOTS:
+        model = load_robot(robot)
+        for tier in settings.tiers or GAP_TIERS:
+            yield model, simulated_case(model, robot, tier, 0)
+    if settings.robots is None:
+        for name in sample_names(settings.samples):
+            model = load_sample(settings.samples, name)
+            for case in sample_cases(model, settings.samples, name):
+                yield model, case

@@ -55,12 +55,7 @@ def determined_table(outcomes: Outcomes) -> str:
         found = [outcome for outcome in own if outcome.score.success]
         told = [joint not in o.undetermined for o in found for joint in o.told]
         hidden = [joint in o.undetermined for o in found for joint in o.score.joint_errors.keys() - o.told]
-        errors = [
-            error
-            for o in found
-            for joint, error in o.score.joint_errors.items()
-            if joint not in o.undetermined
-        ]
+        errors = [error for o in found for joint, error in o.score.joint_errors.items() if joint not in o.undetermined]
         rows.append(
             [
                 name, str(len(told)), share(told), str(len(hidden)), share(hidden), figure(median(errors)),
@@ -135,19 +130,13 @@ def least_squares_table(outcomes: Outcomes) -> str:
 
 
 def correspondence_table(outcomes: Outcomes) -> str:
-    """Return the share of overlays by robot and method, and the time of the first method."""
+    """Return the share of overlays by robot and method, and the time of all methods."""
     methods = list(dict.fromkeys(outcome.method for outcome in outcomes))
     rows = []
     for robot, own in [*grouped(outcomes, lambda outcome: outcome.robot), ("all", outcomes)]:
         overlays = [share([o.score.overlay for o in own if o.method == method]) for method in methods]
-        recall = [100 * o.score.recall for o in own if o.method == methods[0]]
-        seconds = [o.seconds for o in own if o.method == methods[0]]
-        rows.append([robot, *overlays, figure(float(np.mean(recall)), "%", 1), figure(median(seconds), " s")])
-    heads = [
-        "robot", *(f" overlay, {method}" for method in methods), f" part recall, {methods[0]}",
-        f" time median, {methods[0]}",
-    ]  # fmt: skip
-    return markdown(heads, rows)
+        rows.append([robot, *overlays, figure(median([o.seconds for o in own]), " s")])
+    return markdown(["robot", *(f" {method}" for method in methods), " time median"], rows)
 
 
 def grouped(outcomes: Outcomes, key: Callable[[Outcome], str]) -> list[tuple[str, list[Outcome]]]:

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
 
-ScanPath = Annotated[
-    Path, Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ or a mesh (OBJ, STL, GLB).")
-]
+ScanPath = Annotated[Path, Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ or a mesh (OBJ, STL, GLB).")]
 
 PackageDirs = Annotated[
     list[Path] | None,
@@ -37,9 +35,7 @@ Units = Annotated[
     Parameter(help="Unit of the scan file; auto: mm where m makes no sense beside the model."),
 ]
 
-Seed = Annotated[
-    int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))
-]
+Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
 
 Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
 

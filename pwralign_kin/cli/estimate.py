@@ -31,15 +31,11 @@ def estimate(
     initial: Annotated[Path | None, Parameter(help="A state.json to start from.")] = None,
     joint: Annotated[
         Joints,
-        Parameter(
-            help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."
-        ),
+        Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."),
     ] = None,
     lock: Annotated[
         list[str] | None,
-        Parameter(
-            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()
-        ),
+        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
     ] = None,
     base: Annotated[
         Pose | None,
@@ -47,9 +43,7 @@ def estimate(
     ] = None,
     crop: Annotated[
         Box | None,
-        Parameter(
-            help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=()
-        ),
+        Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=()),
     ] = None,
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
@@ -91,9 +85,7 @@ def estimate(
         model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
         points = arguments.in_metres(points, units, model.diagonal)
         options = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
-        result = estimated(
-            model, points, initial=guess, correspondences=pairs, options=options, progress=show
-        )
+        result = estimated(model, points, initial=guess, correspondences=pairs, options=options, progress=show)
         show("writing the result")
         written = [] if out is None else export(result, model, points, out, up=up)
     _print(result, written, json)

@@ -43,7 +43,7 @@ def simulate(
     with messages.progress() as show:
         from pwralign_kin.model import ArticulatedModel
         from pwralign_kin.simulation import TIERS, random_state
-        from pwralign_kin.simulation.simulate import simulate as scanned
+        from pwralign_kin.simulation.simulator import simulate as scanned
         from pwralign_kin.state import State
 
         changes: dict[str, Any] = {

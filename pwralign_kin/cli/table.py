@@ -11,8 +11,6 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     aligned = [str.rjust if head.startswith(" ") else str.ljust for head in heads]
     return "\n".join(
-        "  ".join(
-            align(cell, width) for align, cell, width in zip(aligned, line, widths, strict=True)
-        ).rstrip()
+        "  ".join(align(cell, width) for align, cell, width in zip(aligned, line, widths, strict=True)).rstrip()
         for line in lines
     )

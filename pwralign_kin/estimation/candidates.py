@@ -26,7 +26,9 @@ class Hypotheses:
     def take(self, index: Any) -> Hypotheses:
         """Return the hypotheses of an index array, mask or slice."""
         return Hypotheses(
-            np.ascontiguousarray(self.parts[index]), np.ascontiguousarray(self.placements[index]), self.scores[index]
+            np.ascontiguousarray(self.parts[index]),
+            np.ascontiguousarray(self.placements[index]),
+            self.scores[index],
         )
 
     @staticmethod
@@ -57,7 +59,9 @@ class Candidates:
     def take(self, index: Any) -> Candidates:
         """Return the configurations of an index array, mask or slice."""
         return Candidates(
-            np.ascontiguousarray(self.bases[index]), np.ascontiguousarray(self.values[index]), self.scores[index]
+            np.ascontiguousarray(self.bases[index]),
+            np.ascontiguousarray(self.values[index]),
+            self.scores[index],
         )
 
     def best_first(self) -> Candidates:

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.exceptions import CorrespondenceError
 from pwralign_kin.model import ArticulatedModel
@@ -50,7 +51,9 @@ class Correspondences:
                 f"{self.target.shape} and {self.weight.shape}",
             )
         if count < 2 or (self.weight < 0).any() or np.count_nonzero(self.weight) < 2:
-            raise CorrespondenceError("correspondences", "at least two pairs of positive weight are needed, none negative")
+            raise CorrespondenceError(
+                "correspondences", "at least two pairs of positive weight are needed, none negative"
+            )
 
     @classmethod
     def load(cls, path: Path | str) -> Correspondences:
@@ -113,7 +116,7 @@ class FpfhMatcher:
 
 
 def _fpfh(points: Float, normals: Float, radius: float) -> Array:
-    import open3d as o3d
+    o3d = open3d()
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.astype(float)))
     cloud.normals = o3d.utility.Vector3dVector(normals.astype(float))

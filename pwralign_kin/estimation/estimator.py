@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
-from pwralign_kin.estimation.estimate import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
+from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, UnknownNameError
@@ -83,7 +83,10 @@ class Estimator:
     """The pipeline for one model and one set of options."""
 
     def __init__(
-        self, model: ArticulatedModel, options: EstimatorOptions, progress: Callable[[str], None] | None = None
+        self,
+        model: ArticulatedModel,
+        options: EstimatorOptions,
+        progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the option's joint names against the model. Raises `UnknownNameError`."""
         for name in (*options.locked, *options.prior):
@@ -153,10 +156,8 @@ class Estimator:
         if "fpfh" in sources:
             largest = search.largest_parts(search.options.root_parts)
             given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
-        for pairs in given:
-            found.append(
-                search.correspondence_hypotheses(oriented_pairs(pairs, self.model, search.observation), seed)
-            )
+        oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
+        found += [search.correspondence_hypotheses(pairs, seed) for pairs in oriented]
         hypotheses = Hypotheses.concatenate(found) if found else None
         if hypotheses is None or len(hypotheses.parts) == 0:
             raise CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
@@ -179,7 +180,8 @@ class Estimator:
             solutions = repair(search, refined, self.options.repair, turn=False)
         if search.unexplained(solutions.take([0])) > UNCONVINCING:
             solutions = search.distinct(
-                Candidates.concatenate([solutions, self._global(search, correspondences, watch)]), self.options.repair.solutions
+                Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
+                self.options.repair.solutions,
             )
         return solutions
 
@@ -213,14 +215,16 @@ class Estimator:
     ) -> tuple[Solution, Doubt]:
         """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
         noise = max(search.observation.noise, LEAST_NOISE)
-        judged = doubt(solution.problem, self.slide, solver.locked, noise)
+        final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
+        systematic = float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0)))
+        judged = doubt(solution.problem, self.slide, solver.locked, noise, systematic)
         if not judged.undetermined.any():
             return solution, judged
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(judged.undetermined):
             base, values = self._at_prior(search, base, values, int(joint), prior)
         settled = solver.with_locked(judged.undetermined, values).run(base, values)
-        again = doubt(settled.problem, self.slide, solver.locked | judged.undetermined, noise)
+        again = doubt(settled.problem, self.slide, solver.locked | judged.undetermined, noise, systematic)
         return settled, Doubt(judged.undetermined, judged.displacement, again.covariance)
 
     def _at_prior(
@@ -253,7 +257,7 @@ class Estimator:
     ) -> Estimate:
         model, observation = self.model, search.observation
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
-        scored, support = search.scored(final)
+        support = search.scored(final)[1]
         coverage = float(search.coverage(final)[0])
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
@@ -309,9 +313,11 @@ class Estimator:
 
     def _labels(self, scan: Scan, search: TreeSearch, placements: Array) -> tuple[NDArray[np.int64], Array]:
         """Return per kept scan point the part it lies on (-1: none) and its distance (m)."""
-        reach = 0.02 + 2 * search.observation.noise
         distance, part, _ = search.native.assign(
-            search.observation.scaled(scan.points), np.ascontiguousarray(placements), search.exists.astype(np.uint8), reach
+            search.observation.scaled(scan.points),
+            np.ascontiguousarray(placements),
+            search.exists.astype(np.uint8),
+            search.reach,
         )
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
 
@@ -320,9 +326,7 @@ class Estimator:
         return float(np.clip(1 + value if observation.single_view else value, 0, 1))
 
     @staticmethod
-    def _confidence(
-        coverage: float, support: NDArray[np.float32], search: TreeSearch, finished: Candidates
-    ) -> float:
+    def _confidence(coverage: float, support: NDArray[np.float32], search: TreeSearch, finished: Candidates) -> float:
         """Return how far the evidence speaks for the answer: explained scan, supported model, margin to the next."""
         seen = float(np.clip(1 + support if search.observation.single_view else support, 0, 1) @ search.weights)
         rivals = finished.scores[0] - finished.scores[1:]

@@ -52,7 +52,7 @@ class Problem:
     """(6 + k, 6 + k) normal matrix over base twist (rotation, translation) and joint increments."""
     g: Array
     """(6 + k,) right-hand side."""
-    part_H: Array
+    information: Array
     """(parts, 6, 6) information of every part in twist space."""
     J: Array
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
@@ -76,7 +76,12 @@ class JointLeastSquares:
     """Base and joints of one model fitted to one observed scan."""
 
     def __init__(
-        self, model: ArticulatedModel, search: TreeSearch, lower: Array, upper: Array, options: LeastSquaresOptions
+        self,
+        model: ArticulatedModel,
+        search: TreeSearch,
+        lower: Array,
+        upper: Array,
+        options: LeastSquaresOptions,
     ) -> None:
         """Take the bounds `lower`, `upper` (k,) of the actuated joints in search units; equal bounds lock a joint."""
         self.model = model
@@ -110,14 +115,14 @@ class JointLeastSquares:
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
         sigma = max(self.options.least_sigma, self.options.sigmas * self.search.observation.noise)
-        part_H, part_g, counts = self.search.native.normal_equations(
+        information, part_g, counts = self.search.native.normal_equations(
             np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
             sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights,
         )  # fmt: skip
-        H = np.einsum("pia,pij,pjb->ab", full, part_H, full)
+        H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
-        return Problem(H, g, part_H, full, counts)
+        return Problem(H, g, information, full, counts)
 
     def solve(self, problem: Problem, values: Array) -> Array:
         """Return the bounded step (6 + k,)."""
@@ -136,20 +141,18 @@ class JointLeastSquares:
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
         base, values = base.copy(), values.copy()
-        converged = False
-        iteration = 0
+        converged, iterations = False, 0
         problem = self.build(base, values)
-        for iteration in range(1, self.options.iterations + 1):
+        while not converged and iterations < self.options.iterations:
+            iterations += 1
             step = self.solve(problem, values)
             move = se3.exp(step[:6])
             base[:3, :3] = move[:3, :3] @ base[:3, :3]
             base[:3, 3] += move[:3, 3]
             values = self.limited(values + step[6:])
             problem = self.build(base, values)
-            if np.abs(step).max() < self.options.tolerance:
-                converged = True
-                break
-        return Solution(se3.orthonormalised(base), values, problem, converged, iteration)
+            converged = bool(np.abs(step).max() < self.options.tolerance)
+        return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
 
     def limited(self, values: Array) -> Array:
         """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""
@@ -165,5 +168,8 @@ def _quadratic_program(size: int) -> Any:
     import casadi
 
     return casadi.conic(
-        "step", "daqp", {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)}, {"error_on_fail": False}
+        "step",
+        "daqp",
+        {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)},
+        {"error_on_fail": False},
     )

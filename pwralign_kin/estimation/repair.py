@@ -41,7 +41,8 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
         moved: list[Candidates] = []
         for i in range(len(solutions)):
             solution = solutions.take([i])
-            key = tuple(np.round(np.r_[solution.bases[0, :3, 3], solution.values[0]], 2))
+            where = np.concatenate([solution.bases[0, :3, 3], solution.values[0]])
+            key = tuple(float(v) for v in np.round(where, 2))
             best = float(solutions.scores[0])
             if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
                 continue
@@ -130,7 +131,12 @@ def _regrown(
 
 
 def _regrow(
-    search: TreeSearch, solution: Candidates, starts: list[int], nexts: list[int], weights: NDArray[np.float32], keep: int
+    search: TreeSearch,
+    solution: Candidates,
+    starts: list[int],
+    nexts: list[int],
+    weights: NDArray[np.float32],
+    keep: int,
 ) -> Candidates:
     tasks = len(starts)
     return Candidates(
@@ -152,7 +158,7 @@ def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
 
 
 def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:
-    """Regrow around parts that the scan lacks, as if they had no surface: a missing part must not pull its neighbours."""
+    """Regrow around parts that the scan lacks as if they had no surface: they must not pull their neighbours."""
     exists, parent = search.exists, search.parent
     if not absent.any() or absent.sum() > max(2, 0.3 * exists.sum()):
         return []
@@ -168,9 +174,7 @@ def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> l
 
 
 def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
-    return Hypotheses(
-        np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32)
-    )
+    return Hypotheses(np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32))
 
 
 def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
@@ -192,9 +196,7 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
     part, after, score_after = search.native.refine_parts(part, np.array(turned), 4)
     moved = np.array(
         [
-            np.linalg.norm(
-                search.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1
-            ).mean()
+            np.linalg.norm(search.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1).mean()
             for i, a, b in zip(part, after, before, strict=True)
         ]
     )

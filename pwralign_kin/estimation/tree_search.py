@@ -121,7 +121,14 @@ class TreeSearch:
         found = [
             Hypotheses(
                 *self.native.correspondence_hypotheses(
-                    p.part, p.source, p.source_normals, p.target, p.target_normals, p.weight, seed, self._per_part
+                    p.part,
+                    p.source,
+                    p.source_normals,
+                    p.target,
+                    p.target_normals,
+                    p.weight,
+                    seed,
+                    self._per_part,
                 )
             )
             for p in pairs
@@ -157,9 +164,7 @@ class TreeSearch:
 
     def coverage(self, candidates: Candidates) -> Float:
         """Return the weighted share of the scan that each candidate explains."""
-        return np.asarray(
-            self.native.score(candidates.bases, candidates.values, self.options.coverage_distance)[1]
-        )
+        return np.asarray(self.native.score(candidates.bases, candidates.values, self.options.coverage_distance)[1])
 
     def refined(
         self,
@@ -210,7 +215,20 @@ class TreeSearch:
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""
-        distance, _, _ = self.native.assign(
-            self.observation.points, self.part_placements(candidate)[0], self.exists.astype(np.uint8), 0.06
-        )
-        return float(np.mean(distance > 0.02 + 2 * self.observation.noise))
+        return float(np.mean(self._distances(candidate, self.observation.points) > self.reach))
+
+    def residual(self, candidate: Candidates) -> float:
+        """Return the robust standard deviation of the given points that lie on one candidate."""
+        distance = self._distances(candidate, self.observation.given)
+        near = distance[distance < self.reach]
+        # The median of a half-normal distribution is 0.6745 standard deviations.
+        return float(np.median(near)) / 0.6745 if len(near) else 0.0
+
+    @property
+    def reach(self) -> float:
+        """Distance within which a scan point lies on the model."""
+        return 0.02 + 2 * self.observation.noise
+
+    def _distances(self, candidate: Candidates, points: Float) -> Float:
+        placements = np.ascontiguousarray(self.part_placements(candidate)[0])
+        return np.asarray(self.native.assign(points, placements, self.exists.astype(np.uint8), 0.06)[0])

@@ -16,6 +16,8 @@ PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
 LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
+SYSTEMATIC_SHARE = 0.5
+"""Share of the systematic residual (sensor bias, model error) that may pass for a motion of a joint."""
 LEAST_POINTS = 8
 """Correspondences below which a part counts as unseen."""
 
@@ -32,28 +34,36 @@ class Doubt:
     """(6 + k, 6 + k) of base twist and joints; zero rows where undetermined."""
 
 
-def doubt(problem: Problem, slide: NDArray[np.bool_], locked: NDArray[np.bool_], noise: float) -> Doubt:
+def doubt(
+    problem: Problem, slide: NDArray[np.bool_], locked: NDArray[np.bool_], noise: float, systematic: float
+) -> Doubt:
     """Return which joints are undetermined, and the covariance of the rest.
 
     A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
     information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
-    complement of its entry. The covariance is that of Gauss-Newton with residuals of standard deviation `noise`
-    (model diagonals).
+    complement of its entry. It must stand out of the `systematic` residual, which does not average out over points.
+    The covariance is that of Gauss-Newton with residuals of standard deviation `noise`, plus the systematic share of
+    every joint (both in model diagonals).
     """
     size = problem.H.shape[0]
     seen = problem.counts >= LEAST_POINTS
     weights = np.zeros(len(seen))
-    mass = np.trace(problem.part_H[:, 3:, 3:], axis1=1, axis2=2)  # sum of weights: normals are unit vectors
+    mass = np.trace(problem.information[:, 3:, 3:], axis1=1, axis2=2)  # sum of weights: normals are unit vectors
     weights[seen] = 1.0 / np.maximum(mass[seen], 1e-12)
-    mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.part_H, problem.J)
+    mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.information, problem.J)
     free = np.concatenate([np.ones(6, bool), ~locked])
     ridge = 1e-9 * np.eye(int(free.sum()))
     inverse = np.linalg.inv(mean_H[np.ix_(free, free)] + ridge)
     probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
     displacement = np.zeros(size - 6)
     displacement[~locked] = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
-    undetermined = ~locked & (displacement < LEAST_DISPLACEMENT)
-    return Doubt(undetermined, displacement, _covariance(problem, undetermined | locked, noise))
+    hidden = SYSTEMATIC_SHARE * systematic
+    undetermined = ~locked & (displacement < max(LEAST_DISPLACEMENT, hidden))
+    fixed = undetermined | locked
+    covariance = _covariance(problem, fixed, noise)
+    joints = np.flatnonzero(~fixed)
+    covariance[6 + joints, 6 + joints] += (probe * hidden / np.maximum(displacement, 1e-12))[joints] ** 2
+    return Doubt(undetermined, displacement, covariance)
 
 
 def _covariance(problem: Problem, fixed: NDArray[np.bool_], noise: float) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError
 from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
@@ -16,9 +16,7 @@ from pwralign_kin.scan import Scan
 __all__ = ["UP_AXES", "export"]
 
 
-def export(
-    estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path | str, *, up: str = "z"
-) -> list[Path]:
+def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path | str, *, up: str = "z") -> list[Path]:
     """Write an estimate into `folder`, all files or none, and return their paths.
 
     - `state.json`: base placement and joint values; `estimate.json`: the same with all figures of the

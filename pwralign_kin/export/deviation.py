@@ -71,9 +71,7 @@ def signed_distances(mesh: PosedMesh, points: Array) -> Array:
     return np.asarray(sign * np.linalg.norm(local - closest, axis=1))
 
 
-def write_deviation_ply(
-    path: Path, points: Array, distances: Array, labels: Indices, mesh: PosedMesh
-) -> None:
+def write_deviation_ply(path: Path, points: Array, distances: Array, labels: Indices, mesh: PosedMesh) -> None:
     """Write the scan points with the properties `distance` (m), `part` (-1: not the model's) and a colour.
 
     Colours run from blue (behind the surface) over light grey to red (in front of it) and saturate at 1% of

@@ -35,8 +35,7 @@ def joint_values(model: ArticulatedModel, state: State) -> JointValues:
     actuated = dict(zip(model.joint_names, model.values(state.joints).tolist(), strict=True))
     joints = [part.joint for part in model.parts if part.joint is not None]
     values = {
-        joint.name: joint.multiplier * actuated[model.joint_names[joint.actuated]] + joint.offset
-        for joint in joints
+        joint.name: joint.multiplier * actuated[model.joint_names[joint.actuated]] + joint.offset for joint in joints
     }
     types = joint_types(model)
     multiple: dict[str, tuple[float, ...]] = {}
@@ -44,9 +43,7 @@ def joint_values(model: ArticulatedModel, state: State) -> JointValues:
         if kind == "planar":
             multiple[name] = (values[f"{name}.x"], values[f"{name}.y"], values[f"{name}.yaw"])
         elif kind == "floating":
-            x, y, z, roll, pitch, yaw = (
-                values[f"{name}.{axis}"] for axis in ("x", "y", "z", "roll", "pitch", "yaw")
-            )
+            x, y, z, roll, pitch, yaw = (values[f"{name}.{axis}"] for axis in ("x", "y", "z", "roll", "pitch", "yaw"))
             T = np.eye(4)
             for axis, angle in ((2, yaw), (1, pitch), (0, roll)):
                 T[:3, :3] = T[:3, :3] @ se3.rotation_about(np.eye(3)[axis], angle)

@@ -19,13 +19,9 @@ def write_model_ply(path: Path, model: ArticulatedModel, state: State) -> None:
     vertices, faces, colours = [], [], []
     count = 0
     for visual in (visual for part in model.parts for visual in part.visuals):
-        vertices.append(
-            transform(T_scan_base @ placements[visual.link] @ visual.T_link_visual, visual.vertices)
-        )
+        vertices.append(transform(T_scan_base @ placements[visual.link] @ visual.T_link_visual, visual.vertices))
         faces.append(visual.faces + count)
-        colours.append(
-            np.broadcast_to(np.rint(255.0 * visual.rgba[:3]).astype(np.uint8), visual.vertices.shape)
-        )
+        colours.append(np.broadcast_to(np.rint(255.0 * visual.rgba[:3]).astype(np.uint8), visual.vertices.shape))
         count += len(visual.vertices)
     rgb = np.concatenate(colours).T
     write_ply(

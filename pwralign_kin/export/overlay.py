@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pwralign_kin import files
-from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.render import POINT_FAR, POINT_NEAR, PosedMesh, View, default_views, draw
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
@@ -66,9 +66,7 @@ def _legend(estimate: Estimate, mesh: PosedMesh) -> list[Entry]:
     for name, colour in zip(np.array(mesh.parts)[shown], mesh.colours[shown], strict=True):
         part = estimate.parts.get(str(name))
         seen = part is not None and part.points > 0
-        entries.append(
-            (str(name) if seen else f"{name} (no points)", _bytes(colour), False, _INK if seen else _PALE)
-        )
+        entries.append((str(name) if seen else f"{name} (no points)", _bytes(colour), False, _INK if seen else _PALE))
     entries.append(("scan point on the model", _bytes(POINT_NEAR), True, _INK))
     entries.append(("scan point off it", _bytes(POINT_FAR), True, _INK))
     return entries

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model import ArticulatedModel
 
 if TYPE_CHECKING:
@@ -12,20 +11,11 @@ if TYPE_CHECKING:
 
 
 def source_tree(model: ArticulatedModel) -> Element:
-    """Return the root element of the model's URDF with its comments; for a xacro, of the URDF that it expands
-    to.
-
-    Raises `ModelError` when the file is gone since the model was read.
-    """
+    """Return the root element of the model's URDF with its comments; for a xacro, of what it expands to."""
     from lxml import etree
 
-    if model.urdf_path.suffix == ".xacro":
-        return etree.fromstring(model.normalised_urdf)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, strip_cdata=False)
-    try:
-        return etree.fromstring(model.urdf_path.read_bytes(), parser)
-    except OSError as error:
-        raise ModelError(model.urdf_path, f"cannot read: {error.strerror}") from None
+    return etree.fromstring(model.source, parser)
 
 
 def joint_types(model: ArticulatedModel) -> dict[str, str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pwralign_kin import files
-from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.export.joints import JointValues
 
 

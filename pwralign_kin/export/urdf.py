@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pwralign_kin import files
+from pwralign_kin import files, se3
 from pwralign_kin.export.source import end_link, source_tree
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.model.meshes import find_mesh
@@ -103,11 +103,7 @@ def _mend(robot: Element, model: ArticulatedModel) -> None:
             continue
         as_read = mended[joint.get("name")]
         axis, unit_axis = joint.find("axis"), as_read.find("axis")
-        if (
-            axis is not None
-            and unit_axis is not None
-            and math.dist(_numbers(axis), _numbers(unit_axis)) > 1e-12
-        ):
+        if axis is not None and unit_axis is not None and math.dist(_numbers(axis), _numbers(unit_axis)) > 1e-12:
             axis.set("xyz", unit_axis.get("xyz", ""))  # readers differ in what a longer axis means
         limit, known = joint.find("limit"), as_read.find("limit")
         if limit is None and known is not None:
@@ -142,20 +138,7 @@ def _set_origin(joint: Element, T: Array) -> None:
         origin = etree.SubElement(joint, "origin")
     origin.attrib.clear()
     origin.set("xyz", _text(T[:3, 3]))
-    origin.set("rpy", _text(_roll_pitch_yaw(T[:3, :3])))
-
-
-def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Return the fixed-axis angles of `R` (3, 3), exact at a pitch of a right angle too.
-
-    Where roll and yaw turn about the same axis their split is arbitrary; roll is taken from what is left of
-    `R` once yaw is undone, so that an error in one is made good by the other.
-    """
-    yaw = math.atan2(R[1, 0], R[0, 0]) if math.hypot(R[0, 0], R[1, 0]) > 1e-12 else 0.0
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    pitch = math.atan2(-R[2, 0], cosine * R[0, 0] + sine * R[1, 0])
-    roll = math.atan2(sine * R[0, 2] - cosine * R[1, 2], cosine * R[1, 1] - sine * R[0, 1])
-    return roll, pitch, yaw
+    origin.set("rpy", _text(se3.roll_pitch_yaw(T)))
 
 
 def _numbers(axis: Element) -> list[float]:

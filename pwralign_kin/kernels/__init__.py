@@ -1,4 +1,7 @@
-"""Compiled kernels: everything that touches points. Flat arrays in and out; lengths in units of the model's diagonal."""
+"""Compiled kernels: everything that touches points.
+
+Flat arrays in and out; lengths in units of the model's diagonal.
+"""
 
 from pwralign_kin.kernels._native import (
     Articulated,

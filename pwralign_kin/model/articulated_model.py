@@ -77,6 +77,9 @@ class ArticulatedModel:
     warnings: tuple[str, ...]
     """What was mended on reading."""
 
+    source: bytes = field(repr=False)
+    """The URDF as its author wrote it, with its comments; for a xacro, what it expands to."""
+
     normalised_urdf: str = field(repr=False)
     """The URDF as understood: mended, planar and floating joints expanded, mimic chains resolved."""
 
@@ -132,9 +135,7 @@ class ArticulatedModel:
     ) -> ArticulatedModel:
         warnings = [*description.warnings, *shapes.warnings]
         if diagonal > LARGEST:
-            warnings.append(
-                f"the model is {diagonal:.4g} m across: are its meshes in millimetres, without a scale?"
-            )
+            warnings.append(f"the model is {diagonal:.4g} m across: are its meshes in millimetres, without a scale?")
         actuated = [joint for joint in description.joints if joint.kind != "fixed" and joint.mimic is None]
         ranges = [_range(joint, description, warnings) for joint in actuated]
         continuous = np.array([turns for _, _, turns in ranges], dtype=bool)
@@ -156,6 +157,7 @@ class ArticulatedModel:
             diagonal=diagonal,
             unobservable=_unobservable(parts, tuple(indices)),
             warnings=tuple(warnings),
+            source=description.source,
             normalised_urdf=xml,
             content_key=cache.content_key(xml, shapes.key),
             graph=PartGraph(parts),
@@ -234,9 +236,7 @@ class ArticulatedModel:
     def _checked(self, values: Array) -> Array:
         values = np.asarray(values, dtype=np.float64)
         if values.shape != (len(self.joint_names),):
-            raise StateError(
-                f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}"
-            )
+            raise StateError(f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}")
         return values
 
 
@@ -284,9 +284,7 @@ def _range(joint: Joint, description: Description, warnings: list[str]) -> tuple
             continue
         ends = sorted((limit - mimic.offset) / mimic.multiplier for limit in (follower.lower, follower.upper))
         if max(lower, ends[0]) > min(upper, ends[1]):
-            warnings.append(
-                f"the limits of {follower.name!r} leave {joint.name!r}, which it mimics, no range: ignored"
-            )
+            warnings.append(f"the limits of {follower.name!r} leave {joint.name!r}, which it mimics, no range: ignored")
         else:
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
     if joint.kind == "prismatic":

@@ -134,9 +134,7 @@ def _ros_folders() -> list[Path]:
     return [Path(entry) for entry in ros if entry] + [Path(entry) / "share" for entry in ament if entry]
 
 
-def _read_files(
-    shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs: Sequence[Path]
-) -> dict[str, _Content]:
+def _read_files(shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs: Sequence[Path]) -> dict[str, _Content]:
     """The bytes of every mesh, by its name in the URDF."""
     names = dict.fromkeys(shape.filename for own in shapes.values() for shape in own if shape.kind == "mesh")
     faults, missing, contents = [], dict[str, list[Path]](), {}
@@ -167,8 +165,7 @@ def _with_companions(path: Path) -> dict[str, bytes]:
     names: list[str] = []
     if path.suffix.lower() == ".obj":
         names = [
-            name.decode("utf-8", "replace").strip()
-            for name in re.findall(rb"^\s*mtllib\s+(.+)$", data, re.MULTILINE)
+            name.decode("utf-8", "replace").strip() for name in re.findall(rb"^\s*mtllib\s+(.+)$", data, re.MULTILINE)
         ]
     elif path.suffix.lower() == ".gltf":
         uris = re.findall(rb'"uri"\s*:\s*"([^"]+)"', data)
@@ -207,17 +204,11 @@ def _build(
         for shape in own:
             identity = (shape.kind, shape.size, shape.filename)
             if identity not in placed:
-                new = (
-                    _scaled(meshes[shape.filename], shape.size)
-                    if shape.kind == "mesh"
-                    else [primitive(shape)]
-                )
+                new = _scaled(meshes[shape.filename], shape.size) if shape.kind == "mesh" else [primitive(shape)]
                 placed[identity] = range(len(bodies), len(bodies) + len(new))
                 bodies += new
             T = shape.origin.matrix
-            pieces += [
-                (link, index, T, bodies[index].rgba or shape.rgba or GREY) for index in placed[identity]
-            ]
+            pieces += [(link, index, T, bodies[index].rgba or shape.rgba or GREY) for index in placed[identity]]
     if not any(len(body.faces) for body in bodies):
         raise ModelError(urdf, "its geometry holds no triangles: nothing to align")
     links = list(shapes)
@@ -384,7 +375,5 @@ def primitive(shape: Shape) -> Body:
         mesh = creation.cylinder(radius=shape.size[0], height=shape.size[1])
     else:
         mesh = creation.capsule(radius=shape.size[0], height=shape.size[1])
-    vertices, faces, _ = _clean(
-        np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    )
+    vertices, faces, _ = _clean(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
     return Body(vertices, faces, None)

@@ -190,9 +190,7 @@ def assemble_parts(
     for weld in welds:
         pieces = tuple(visual for link in weld.links for visual in visuals.get(link, ()))
         T_part_link = dict(zip(weld.links, weld.T_part_links, strict=True))
-        placed = [
-            se3.transform(T_part_link[piece.link] @ piece.T_link_visual, piece.vertices) for piece in pieces
-        ]
+        placed = [se3.transform(T_part_link[piece.link] @ piece.T_link_visual, piece.vertices) for piece in pieces]
         starts = np.cumsum([0, *(len(points) for points in placed)])
         vertices = np.concatenate([np.empty((0, 3)), *placed])
         faces = [piece.faces + start for piece, start in zip(pieces, starts, strict=False)]
@@ -211,9 +209,7 @@ def assemble_parts(
     return tuple(parts)
 
 
-def _moving_joint(
-    weld: Weld, actuated: Mapping[str, int], continuous: NDArray[np.bool_]
-) -> MovingJoint | None:
+def _moving_joint(weld: Weld, actuated: Mapping[str, int], continuous: NDArray[np.bool_]) -> MovingJoint | None:
     if weld.joint is None:
         return None
     mimic = weld.joint.mimic

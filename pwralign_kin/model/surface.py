@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.dependencies import open3d
 from pwralign_kin.model.cache import load_or_build
 
 if TYPE_CHECKING:
@@ -85,9 +86,7 @@ def prepare_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
         return {f"{i}/{name}": getattr(s, name) for i, s in enumerate(surfaces) for name in ARRAYS}
 
     arrays = load_or_build(f"surface-{VERSION}-{model.content_key}", build)
-    return tuple(
-        Surface(**{name: arrays[f"{i}/{name}"] for name in ARRAYS}) for i in range(len(model.parts))
-    )
+    return tuple(Surface(**{name: arrays[f"{i}/{name}"] for name in ARRAYS}) for i in range(len(model.parts)))
 
 
 def part_weights(surfaces: Sequence[Surface]) -> Float:
@@ -97,12 +96,16 @@ def part_weights(surfaces: Sequence[Surface]) -> Float:
     return np.asarray(weights / weights.sum(), np.float32)
 
 
-def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> Any:
+def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernels.Articulated:
     """Return the model as the compiled kernels take it (`kernels.Articulated`), lengths in model diagonals."""
     count, diagonal = len(model.parts), model.diagonal
     placement = np.tile(np.eye(4), (count, 1, 1))
     axis, multiplier, offset = np.zeros((count, 3)), np.ones(count), np.zeros(count)
-    parent, actuated, prismatic = np.full(count, -1, np.int32), np.zeros(count, np.int32), np.zeros(count, np.uint8)
+    parent, actuated, prismatic = (
+        np.full(count, -1, np.int32),
+        np.zeros(count, np.int32),
+        np.zeros(count, np.uint8),
+    )
     lower, upper, wraps = model.lower.copy(), model.upper.copy(), model.continuous.astype(np.uint8)
     slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
     lower[slide] /= diagonal
@@ -119,14 +122,12 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> Any:
         output = diagonal if prismatic[i] else 1.0
         multiplier[i] = joint.multiplier * (diagonal if slide[joint.actuated] else 1.0) / output
         offset[i] = joint.offset / output
-    native = kernels.Articulated(
-        parent, actuated, placement, axis, prismatic, multiplier, offset, lower, upper, wraps
-    )
+    native = kernels.Articulated(parent, actuated, placement, axis, prismatic, multiplier, offset, lower, upper, wraps)
     for i, (surface, weight) in enumerate(zip(surfaces, part_weights(surfaces), strict=True)):
         cell, spacing, radius, size, area = map(float, surface.scalars)
         native.set_surface(
             i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals, surface.grid,
-            tuple(surface.origin.tolist()), cell, spacing, tuple(surface.centre.tolist()), radius, size, area,
+            _triple(surface.origin), cell, spacing, _triple(surface.centre), radius, size, area,
             float(weight),
         )  # fmt: skip
     return native
@@ -150,7 +151,9 @@ def build_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
     )
 
 
-def _evenly_spaced(vertices: NDArray[Any], faces: NDArray[Any], random: np.random.Generator) -> tuple[Float, Float, float, float]:
+def _evenly_spaced(
+    vertices: NDArray[Any], faces: NDArray[Any], random: np.random.Generator
+) -> tuple[Float, Float, float, float]:
     """Return evenly spaced points (m, 3) on the triangles, their face normals (m, 3), the spacing and the area."""
     if len(faces) == 0:
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), DENSE_SPACING, 0.0
@@ -185,7 +188,7 @@ def _visibility(
     random: np.random.Generator,
 ) -> tuple[list[Float], list[Float]]:
     """Return per part how often each point is seen over random configurations, and on which side of its normal."""
-    import open3d as o3d
+    o3d = open3d()
 
     seen = [np.zeros(len(p), np.float32) for p in points]
     facing = [np.zeros(len(p), np.float32) for p in points]
@@ -210,7 +213,7 @@ def _visibility(
             free = ~scene.test_occlusions(o3d.core.Tensor(np.ascontiguousarray(rays))).numpy()
             seen[i] += free.any(axis=1)
             facing[i] += (free * np.sign(cosine) * np.abs(cosine)).sum(axis=1)
-    return [s / CONFIGURATIONS for s in seen], facing
+    return [np.asarray(s / CONFIGURATIONS, np.float32) for s in seen], facing
 
 
 def _surface(
@@ -246,9 +249,10 @@ def _surface(
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     origin, extent = low - GRID_BAND, high - low + 2 * GRID_BAND
     cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
-    dims = tuple(int(np.ceil(e / cell)) + 1 for e in extent)
+    nx, ny, nz = (int(np.ceil(e / cell)) + 1 for e in extent)
+    dims = nx, ny, nz
     dense = np.ascontiguousarray(dense, np.float32)
-    grid = kernels.closest_sample_grid(dense, tuple(map(float, origin)), cell, dims, GRID_BAND)
+    grid = kernels.closest_sample_grid(dense, _triple(origin), cell, dims, GRID_BAND)
     visible_area = area * frequency.sum() / len(probes)
     centre = (low + high) / 2
     radius = np.linalg.norm(vertices - centre, axis=1).max()
@@ -271,6 +275,10 @@ def _no_surface() -> Surface:
         none, none, np.zeros(0, np.float32), none, none, np.zeros((0, 0, 0), np.uint16),
         np.zeros(3, np.float32), np.zeros(3, np.float32), np.array([1, 0, 0, 0, 0], np.float32),
     )  # fmt: skip
+
+
+def _triple(v: NDArray[Any]) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
 
 
 def _fibonacci_directions(count: int) -> NDArray[np.float64]:

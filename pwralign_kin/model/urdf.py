@@ -12,7 +12,7 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -141,6 +141,8 @@ class Description:
     root: str
     warnings: tuple[str, ...] = ()
     """What was mended, one line each."""
+    source: bytes = field(default=b"", repr=False)
+    """The URDF as its author wrote it, after xacro."""
 
     def with_ranges(self, diagonal: float) -> Description:
         """Return the description with every slide's limits finite and sane for a model of `diagonal` (m)."""
@@ -176,9 +178,7 @@ class Description:
         return etree.tostring(robot, encoding="unicode", pretty_print=True)
 
 
-def read_urdf(
-    path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual"
-) -> Description:
+def read_urdf(path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual") -> Description:
     """Read the URDF (or, with suffix .xacro, the xacro) at `path` with its `geometry`.
 
     Where the whole URDF has no geometry of that kind, the other kind serves, with a warning. A single link
@@ -186,7 +186,8 @@ def read_urdf(
     none is. Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro
     extra.
     """
-    return _Reader(geometry).read(_parse_xml(_source(path, package_dirs), path), path)
+    source = _source(path, package_dirs)
+    return dataclasses.replace(_Reader(geometry).read(_parse_xml(source, path), path), source=source)
 
 
 def _source(path: Path, package_dirs: Sequence[Path]) -> bytes:
@@ -284,11 +285,7 @@ class _Reader:
         for element in robot.iterfind("joint"):
             chain = self._joint(element)
             joints += chain
-            links += [
-                Link(joint.child)
-                for joint in chain
-                if joint.free and joint.child == _virtual_link(joint.name)
-            ]
+            links += [Link(joint.child) for joint in chain if joint.free and joint.child == _virtual_link(joint.name)]
         self._check_names("link", [link.name for link in links])
         self._check_names("joint", [joint.name for joint in joints])
         root = self._check_tree([link.name for link in links], joints)
@@ -320,11 +317,7 @@ class _Reader:
                 self.faults.append(f"{where}: <{element.tag}> lacks {attribute}")
             return tuple(default or [0.0] * count)
         values = _floats(text)
-        if (
-            values is None
-            or len(values) != count
-            or not all(abs(value) <= LARGEST_NUMBER for value in values)
-        ):
+        if values is None or len(values) != count or not all(abs(value) <= LARGEST_NUMBER for value in values):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
             self.faults.append(f"{where}: {attribute}={text!r} of <{element.tag}> is not {wanted}")
             return (0.0,) * count
@@ -374,9 +367,7 @@ class _Reader:
             self.faults.append(f"{where}: unknown geometry <{kind}>; valid: {valid}")
             return None
         size = tuple(
-            value
-            for attribute, count in attributes[kind]
-            for value in self._numbers(form, attribute, count, where)
+            value for attribute, count in attributes[kind] for value in self._numbers(form, attribute, count, where)
         )
         if min(size) < 0.0:
             self.faults.append(f"{where}: <{kind}> has a negative size")
@@ -513,9 +504,7 @@ class _Reader:
                 if end not in known:
                     sound = False
                     if end:
-                        self.faults.append(
-                            f"joint {joint.name!r} names the link {end!r}, which does not exist"
-                        )
+                        self.faults.append(f"joint {joint.name!r} names the link {end!r}, which does not exist")
             above.setdefault(joint.child, []).append(joint.name)
             below.setdefault(joint.parent, []).append(joint.child)
         for link, names in above.items():

@@ -28,9 +28,7 @@ def read_stl(data: bytes, path: Path) -> FileContent:
     if data.lstrip().startswith(b"solid") and len(data) != size:
         points = _stl_text_corners(data, path)
     elif len(data) < max(size, 84):
-        raise ScanError(
-            path, f"truncated or not an STL file: {len(data)} bytes where {max(size, 84)} are announced"
-        )
+        raise ScanError(path, f"truncated or not an STL file: {len(data)} bytes where {max(size, 84)} are announced")
     else:
         points = np.frombuffer(data, _STL_RECORD, count, 84)["corners"].reshape(-1, 3).astype(np.float64)
     if len(points) == 0:
@@ -77,9 +75,7 @@ def _obj_faces(lines: list[str]) -> NDArray[np.int64]:
     for size in np.unique(sizes):
         chosen = np.flatnonzero(sizes == size)
         columns = range(1, int(size) + 1)
-        polygons = np.loadtxt(
-            [rows[i] for i in chosen], dtype=np.int64, comments=None, usecols=columns, ndmin=2
-        )
+        polygons = np.loadtxt([rows[i] for i in chosen], dtype=np.int64, comments=None, usecols=columns, ndmin=2)
         faces.append(fans(np.where(polygons > 0, polygons - 1, known[chosen, None] + polygons)))
     return np.concatenate(faces)
 
@@ -108,16 +104,12 @@ def read_glb(data: bytes, path: Path) -> FileContent:
             points.append(vertices @ T[:3, :3].T + T[:3, 3])
             faces.append(np.asarray(getattr(geometry, "faces", ()), dtype=np.int64).reshape(-1, 3) + count)
             count += len(vertices)
-    except (
-        Exception
-    ) as error:  # a parser of foreign bytes may raise anything; all of it means the same to the user
+    except Exception as error:  # a parser of foreign bytes may raise anything; all of it means the same to the user
         reason = " ".join(str(error).split())[:200]
         raise ScanError(path, f"malformed GLB: {type(error).__name__}: {reason}") from None
     if count == 0:
         raise ScanError(path, "the GLB file has no geometry")
-    return FileContent(
-        points=np.concatenate(points), faces=_checked_faces(np.concatenate(faces), count, path)
-    )
+    return FileContent(points=np.concatenate(points), faces=_checked_faces(np.concatenate(faces), count, path))
 
 
 def _checked_faces(faces: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64] | None:

@@ -80,9 +80,7 @@ def _header(data: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
     fields = []
     for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
         if (kind, size) not in _TYPES or not count.isdigit() or not 1 <= int(count) <= _MAX_COUNT:
-            raise ScanError(
-                path, f"malformed PCD header: field {name} of type {kind}, size {size}, count {count}"
-            )
+            raise ScanError(path, f"malformed PCD header: field {name} of type {kind}, size {size}, count {count}")
         fields.append(_Field(name, _TYPES[kind, size], int(count)))
     storage = " ".join(entries["DATA"])
     if storage not in ("ascii", "binary", "binary_compressed"):
@@ -174,9 +172,7 @@ def _decompressed(packed: bytes, size: int) -> bytes | None:
             if start < 0 or len(plain) > size:
                 return None
             repeated = plain[start : start + length]
-            plain += (
-                (repeated * (length // len(repeated) + 1))[:length] if len(repeated) < length else repeated
-            )
+            plain += (repeated * (length // len(repeated) + 1))[:length] if len(repeated) < length else repeated
     except IndexError:
         return None
     return bytes(plain) if len(plain) == size else None

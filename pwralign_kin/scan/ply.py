@@ -131,9 +131,7 @@ def _binary_elements(
             raise _truncated(element, path)
         records = np.frombuffer(data, record, element.count, offset) if fits else np.empty(0, record)
         if fits and all((records[f"count {i}"] == length).all() for i, length in lengths.items()):
-            columns[element.name] = {
-                prop.name: records[f"value {i}"] for i, prop in enumerate(element.properties)
-            }
+            columns[element.name] = {prop.name: records[f"value {i}"] for i, prop in enumerate(element.properties)}
             offset += size
         else:
             columns[element.name], offset = _ragged_records(data, offset, order, element, path)

@@ -52,9 +52,7 @@ def read(path: Path | str) -> FileContent:
         raise ScanError(path, f"cannot read: {error.strerror}") from None
     if not data.strip():
         raise ScanError(path, "the file is empty")
-    with np.errstate(
-        invalid="ignore", over="ignore"
-    ):  # of corrupt numbers; the points they give are dropped later
+    with np.errstate(invalid="ignore", over="ignore"):  # of corrupt numbers; the points they give are dropped later
         content = reader(data, path)
         if content.faces is None:
             return content
@@ -143,9 +141,7 @@ def _read_npz(data: bytes, path: Path) -> FileContent:
     archive = _numpy_content(data, path, b"PK")
     try:
         arrays = {
-            name: np.asarray(archive[name])
-            for name in ("points", "sensor_origin", "normals")
-            if name in archive.files
+            name: np.asarray(archive[name]) for name in ("points", "sensor_origin", "normals") if name in archive.files
         }
     except Exception as error:  # a corrupt archive raises anything: zlib.error, struct.error, KeyError
         raise ScanError(path, f"truncated or malformed: {_one_line(error)}") from None
@@ -154,9 +150,7 @@ def _read_npz(data: bytes, path: Path) -> FileContent:
     return FileContent(
         points=_columns_xyz(arrays["points"], path, "points"),
         normals=_columns_xyz(arrays["normals"], path, "normals") if "normals" in arrays else None,
-        sensor_origin=_numeric(arrays["sensor_origin"], path, "sensor_origin")
-        if "sensor_origin" in arrays
-        else None,
+        sensor_origin=_numeric(arrays["sensor_origin"], path, "sensor_origin") if "sensor_origin" in arrays else None,
     )
 
 
@@ -181,9 +175,7 @@ def _numeric(array: NDArray[np.generic], path: Path, name: str) -> Array:
 
 def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
     if array.ndim != 2 or array.shape[1] < 3:
-        raise ScanError(
-            path, f"the array {name} must have the shape (n, 3) or more columns, got {array.shape}"
-        )
+        raise ScanError(path, f"the array {name} must have the shape (n, 3) or more columns, got {array.shape}")
     return _numeric(array, path, name)[:, :3]
 
 

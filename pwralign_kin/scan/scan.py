@@ -161,9 +161,7 @@ class Scan:
         word = str(source)
         raw = np.asarray(depth)
         if raw.ndim != 2 or raw.dtype.kind not in "fiu":
-            raise ScanError(
-                word, f"depth must be a numeric image (h, w), got shape {raw.shape} of {raw.dtype}"
-            )
+            raise ScanError(word, f"depth must be a numeric image (h, w), got shape {raw.shape} of {raw.dtype}")
         if depth_scale is None:
             if raw.dtype.kind != "f":
                 raise ScanError(word, "integer depth needs depth_scale, in m per unit: 0.001 for millimetres")
@@ -248,9 +246,7 @@ class Scan:
             return None
         origin = self._numbers(sensor_origin, "sensor origins")
         if origin.shape not in ((3,), (count, 3)):
-            raise ScanError(
-                self.source, f"sensor_origin must have the shape (3,) or ({count}, 3), got {origin.shape}"
-            )
+            raise ScanError(self.source, f"sensor_origin must have the shape (3,) or ({count}, 3), got {origin.shape}")
         if not np.isfinite(origin).all():
             raise ScanError(self.source, "sensor_origin is not finite")
         return origin
@@ -263,9 +259,7 @@ class Scan:
             raise ScanError(self.source, f"normals must have the shape ({count}, 3), got {vectors.shape}")
         return vectors
 
-    def _keep(
-        self, kept: NDArray[np.int64], points: Array, origin: Array | None, normals: Array | None
-    ) -> None:
+    def _keep(self, kept: NDArray[np.int64], points: Array, origin: Array | None, normals: Array | None) -> None:
         """Set the arrays per point from those of which `kept` selects the rows."""
         if len(kept) < MIN_POINTS:
             what = "point" if len(kept) == 1 else "points"
@@ -315,9 +309,7 @@ def _checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     valid = K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0
     if not valid or not np.allclose(K[2], [0.0, 0.0, 1.0]) or K[1, 0] != 0.0:
-        raise ScanError(
-            word, "intrinsics must be (fx, fy, cx, cy) or a 3x3 camera matrix, with positive focal lengths"
-        )
+        raise ScanError(word, "intrinsics must be (fx, fy, cx, cy) or a 3x3 camera matrix, with positive focal lengths")
     return K
 
 

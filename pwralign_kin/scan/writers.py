@@ -46,9 +46,7 @@ def write_ply(
             raise ExportError(path, f"property name {name!r} is taken or not one plain word")
         columns[name] = column
 
-    vertices = np.empty(
-        len(xyz), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
-    )
+    vertices = np.empty(len(xyz), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     for name, column in columns.items():
         vertices[name] = column
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(xyz)}"]
@@ -76,9 +74,7 @@ def _storable(column: NDArray[np.generic], name: str, path: Path | str) -> NDArr
 
 def _face_bytes(faces: NDArray[np.generic], count: int, path: Path | str) -> bytes:
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise ExportError(
-            path, f"faces must be integers of shape (f, 3), got {faces.dtype} of shape {faces.shape}"
-        )
+        raise ExportError(path, f"faces must be integers of shape (f, 3), got {faces.dtype} of shape {faces.shape}")
     if faces.size and not (int(faces.min()) >= 0 and int(faces.max()) < count):
         raise ExportError(path, f"faces name points outside 0..{count - 1}")
     records = np.empty(len(faces), dtype=[("corners", "u1"), ("indices", "<i4", 3)])

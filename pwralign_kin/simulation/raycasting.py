@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.exceptions import DependencyError
+from pwralign_kin.dependencies import open3d
 from pwralign_kin.se3 import Array
-
-_SYSTEM_LIBRARIES = "libegl1 libgl1 libx11-6 libusb-1.0-0 libgomp1"
 
 Body = tuple[Array, NDArray[np.int64]]
 """Vertices (v, 3), m, and faces (f, 3) of one rigid body in the world."""
@@ -46,9 +43,9 @@ class World:
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         """Take over `bodies`, at least one of them with faces. Raises `DependencyError` without Open3D."""
-        open3d = _open3d()
-        self._scene = open3d.t.geometry.RaycastingScene()
-        self._tensor = open3d.core.Tensor
+        library = open3d()
+        self._scene = library.t.geometry.RaycastingScene()
+        self._tensor = library.core.Tensor
         owners = []
         for index, (vertices, faces) in enumerate(bodies):
             if len(faces):
@@ -93,18 +90,3 @@ def _looking_at(forward: Array) -> Array:
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=-1)
-
-
-def _open3d() -> Any:
-    """Return the module, or raise `DependencyError` with the command that mends it."""
-    try:
-        import open3d
-    except ModuleNotFoundError:
-        raise DependencyError(
-            "Open3D is not installed", "pip install open3d-cpu (elsewhere than Linux x86-64: open3d)"
-        ) from None
-    except (ImportError, OSError) as error:
-        raise DependencyError(
-            f"Open3D does not load ({error})", f"apt-get install -y {_SYSTEM_LIBRARIES}"
-        ) from None
-    return open3d

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LIMIT, Call
+from command_line import LIMIT, Call
 
 from pwralign_kin.scan import Scan
 

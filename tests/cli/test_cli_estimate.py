@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Call, Outcome
+from command_line import Call, Outcome
 
 from pwralign_kin import State, se3
 from pwralign_kin.scan import Scan

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import get_args, get_type_hints
 
 import pytest
-from conftest import Call
+from command_line import Call
 
 from pwralign_kin import State, dependencies
 from pwralign_kin.cli import VERBS

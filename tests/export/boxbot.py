@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pwralign_kin import se3
-from pwralign_kin.estimation.estimate import Estimate, PartEstimate
+from pwralign_kin.estimation.result import Estimate, PartEstimate
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan

@@ -12,7 +12,7 @@ import yaml
 from boxbot import BOT_JOINTS, BOT_VALUES, estimate_from, scan_of
 from PIL import Image
 
-from pwralign_kin.estimation.estimate import Estimate
+from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError, UnknownNameError
 from pwralign_kin.export import export, overlay
 from pwralign_kin.export.folder import atomic_folder

@@ -160,7 +160,8 @@ class Estimate:
                 lines.append(f"{name:{part_width}}  {part.points:6d} {residual}  {part.support:6.0%}")
         if self.alternatives:
             equal = sum(other.equal for other in self.alternatives)
-            best = self.alternatives[0].cost
-            lines += ["", f"{len(self.alternatives)} other answers, {equal} of them equal; best cost {best:.4f} against {self.cost:.4f}"]
-        lines.append(f"{'converged' if self.converged else 'NOT converged'} in {self.iterations} iterations, {sum(self.timings.values()):.2f} s")
+            rival = f"the best of cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}"
+            lines += ["", f"{len(self.alternatives)} other answers, {equal} of them equal, {rival}"]
+        outcome = "converged" if self.converged else "NOT converged"
+        lines.append(f"{outcome} in {self.iterations} iterations, {sum(self.timings.values()):.2f} s")
         return "\n".join(lines)

@@ -188,9 +188,7 @@ def _complete(model: ArticulatedModel, state: State) -> State:
 
 def _posed_parts(model: ArticulatedModel, state: State) -> list[Body]:
     placements = state.T_scan_base @ model.part_placements(model.values(state.joints))
-    return [
-        (transform(T, part.vertices), part.faces) for T, part in zip(placements, model.parts, strict=True)
-    ]
+    return [(transform(T, part.vertices), part.faces) for T, part in zip(placements, model.parts, strict=True)]
 
 
 def _depth_images(world: World, diagonal: float, sensor: Sensor, seed: int) -> list[DepthImage]:

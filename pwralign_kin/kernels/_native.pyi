@@ -1,0 +1,194 @@
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+def thin(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]: ...
+def farthest_points(points: NDArray[np.float32], count: int) -> NDArray[np.int32]: ...
+def closest_sample_grid(
+    samples: NDArray[np.float32],
+    origin: tuple[float, float, float],
+    cell: float,
+    dims: tuple[int, int, int],
+    band: float,
+) -> NDArray[np.uint16]: ...
+def voxel_means(
+    points: NDArray[np.float32], cell: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]: ...
+def local_planes(
+    points: NDArray[np.float32], radius: float, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]: ...
+def openness(
+    points: NDArray[np.float32], normals: NDArray[np.float32], cell: float, threads: int
+) -> NDArray[np.float32]: ...
+def dominant_plane(
+    points: NDArray[np.float32], normals: NDArray[np.float32], tolerance: float, trials: int, seed: int
+) -> tuple[float, float, float, float, int]: ...
+
+class Articulated:
+    def __init__(
+        self,
+        parent: NDArray[np.int32],
+        actuated: NDArray[np.int32],
+        placement: NDArray[np.float64],
+        axis: NDArray[np.float64],
+        prismatic: NDArray[np.uint8],
+        multiplier: NDArray[np.float64],
+        offset: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        wraps: NDArray[np.uint8],
+    ) -> None: ...
+    def set_surface(
+        self,
+        part: int,
+        samples: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        weights: NDArray[np.float32],
+        dense: NDArray[np.float32],
+        dense_normals: NDArray[np.float32],
+        grid: NDArray[np.uint16],
+        origin: tuple[float, float, float],
+        cell: float,
+        slack: float,
+        centre: tuple[float, float, float],
+        radius: float,
+        size: float,
+        area: float,
+        weight: float,
+    ) -> None: ...
+    def restricted(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Articulated: ...
+    @property
+    def parent(self) -> NDArray[np.int32]: ...
+    def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+class ScanField:
+    def __init__(
+        self,
+        points: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        cell: float,
+        truncation: float,
+        sensor_origin: Sequence[float],
+        depth_points: NDArray[np.float32],
+        pixel: float,
+        tolerance: float,
+        shadow: float,
+    ) -> None: ...
+
+class SearchOptions:
+    def __init__(self) -> None: ...
+    @property
+    def support_distance(self) -> float: ...
+    @support_distance.setter
+    def support_distance(self, arg: float, /) -> None: ...
+    @property
+    def coverage_distance(self) -> float: ...
+    @coverage_distance.setter
+    def coverage_distance(self, arg: float, /) -> None: ...
+    @property
+    def support_weight(self) -> float: ...
+    @support_weight.setter
+    def support_weight(self, arg: float, /) -> None: ...
+    @property
+    def coverage_scale(self) -> float: ...
+    @coverage_scale.setter
+    def coverage_scale(self, arg: float, /) -> None: ...
+    @property
+    def two_way(self) -> bool: ...
+    @two_way.setter
+    def two_way(self, arg: bool, /) -> None: ...
+    @property
+    def angle_step(self) -> float: ...
+    @angle_step.setter
+    def angle_step(self, arg: float, /) -> None: ...
+    @property
+    def beam(self) -> int: ...
+    @beam.setter
+    def beam(self, arg: int, /) -> None: ...
+    @property
+    def modes(self) -> int: ...
+    @modes.setter
+    def modes(self, arg: int, /) -> None: ...
+    @property
+    def branch_beam(self) -> int: ...
+    @branch_beam.setter
+    def branch_beam(self, arg: int, /) -> None: ...
+    @property
+    def threads(self) -> int: ...
+    @threads.setter
+    def threads(self, arg: int, /) -> None: ...
+
+class Search:
+    def __init__(
+        self, model: Articulated, field: ScanField, options: SearchOptions, neutral: NDArray[np.float64]
+    ) -> None: ...
+    def part_hypotheses(
+        self, parts: NDArray[np.int32], seed: int, keep: int
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float32]]: ...
+    def correspondence_hypotheses(
+        self,
+        part: int,
+        source: NDArray[np.float32],
+        source_normals: NDArray[np.float32],
+        target: NDArray[np.float32],
+        target_normals: NDArray[np.float32],
+        weights: NDArray[np.float32],
+        seed: int,
+        keep: int,
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float32]]: ...
+    def refine_parts(
+        self, parts: NDArray[np.int32], placements: NDArray[np.float64], iterations: int
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float32]]: ...
+    def distinct_parts(
+        self, parts: NDArray[np.int32], placements: NDArray[np.float64], keep: int, radius: float
+    ) -> NDArray[np.int32]: ...
+    def grow(
+        self, parts: NDArray[np.int32], placements: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
+    def regrow(
+        self,
+        bases: NDArray[np.float64],
+        values: NDArray[np.float64],
+        configuration: NDArray[np.int32],
+        start: NDArray[np.int32],
+        next: NDArray[np.int32],
+        weights: NDArray[np.float32],
+        keep: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
+    def sweep(
+        self,
+        bases: NDArray[np.float64],
+        values: NDArray[np.float64],
+        configuration: NDArray[np.int32],
+        joint: NDArray[np.int32],
+        base_moves: NDArray[np.uint8],
+        keep: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
+    def score(
+        self, bases: NDArray[np.float64], values: NDArray[np.float64], coverage_distance: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
+    def refine(
+        self,
+        bases: NDArray[np.float64],
+        values: NDArray[np.float64],
+        points: int,
+        iterations: int,
+        sigma_first: float,
+        sigma_last: float,
+        support_weight: float,
+        part_weights: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
+    def assign(
+        self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]: ...
+    def normal_equations(
+        self,
+        placements: NDArray[np.float64],
+        points: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        sigma: float,
+        cap: float,
+        support_weight: float,
+        part_weights: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
