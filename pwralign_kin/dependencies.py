@@ -21,7 +21,7 @@ SYSTEM_LIBRARIES = {
 }
 """Shared libraries that Open3D and Pinocchio expect of the system, with their Debian packages."""
 
-_DISTRIBUTIONS = {"collada": "pycollada", "open3d": "open3d-cpu", "pinocchio": "pin", "yaml": "pyyaml"}
+_DISTRIBUTIONS = {"PIL": "pillow", "collada": "pycollada", "open3d": "open3d-cpu", "pinocchio": "pin", "yaml": "pyyaml"}
 """Distributions that are not called like their module."""
 
 _SONAME = re.compile(r"lib[\w.+-]+\.so[.\d]*")

@@ -44,7 +44,5 @@ def shared_folder() -> Path:
     """The folder with benchmark cases and real scans, which is not part of this repository."""
     folder = Path(os.environ.get("PWRALIGN_SHARED", REPOSITORY.parent / "shared"))
     if not folder.is_dir():
-        pytest.skip(
-            "no benchmark data: set PWRALIGN_SHARED, or put the folder `shared` beside the repository"
-        )
+        pytest.skip("no benchmark data: set PWRALIGN_SHARED, or put the folder `shared` beside the repository")
     return folder

@@ -69,9 +69,7 @@ def test_imports_go_down_only(path: Path) -> None:
     allowed = {importer, *(name for name, level in LEVEL.items() if level < LEVEL[importer])}
     if LEVEL[importer] == 0:
         allowed |= LEVELS[0]
-    names = {
-        name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for name in _imported(node)
-    }
+    names = {name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for name in _imported(node)}
     own = {name.split(".")[1] for name in names if name.startswith(f"{PACKAGE}.")}
     assert own <= allowed
 
@@ -79,9 +77,7 @@ def test_imports_go_down_only(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=_id)
 def test_heavy_libraries_load_only_when_used(path: Path) -> None:
     verb = _unit(path) == "cli" and path.name != "__init__.py"
-    allowed = (
-        {"cyclopts"} if verb else set()
-    )  # a verb's module is itself imported only when the verb is called
+    allowed = {"cyclopts"} if verb else set()  # a verb's module is itself imported only when the verb is called
     tree = ast.parse(path.read_text(encoding="utf-8"))
     loaded = {name.partition(".")[0] for node in _at_top_level(tree) for name in _imported(node)}
     assert not loaded & (ONLY_WHEN_CALLED - allowed)

@@ -39,9 +39,7 @@ def test_python_examples_run_one_after_the_other(readme: str, capsys: pytest.Cap
 
 
 def test_commands_run(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
-    commands = [
-        line for block in _blocks(readme, "sh") for line in block.splitlines() if line.startswith("pwralign ")
-    ]
+    commands = [line for block in _blocks(readme, "sh") for line in block.splitlines() if line.startswith("pwralign ")]
     assert {shlex.split(command)[1] for command in commands} == set(VERBS)
     for command in commands:
         code = main(shlex.split(command)[1:])
@@ -55,8 +53,6 @@ def test_every_option_of_estimate_is_in_the_table(readme: str) -> None:
 
 
 def test_every_file_of_the_result_is_in_the_table(readme: str) -> None:
-    assert (
-        main(["estimate", "robots/laptop/laptop.urdf", "robots/laptop/scans/full.ply", "--out", "out"]) == 0
-    )
+    assert main(["estimate", "robots/laptop/laptop.urdf", "robots/laptop/scans/full.ply", "--out", "out"]) == 0
     for path in Path("out").iterdir():
         assert f"`{path.name}`" in readme

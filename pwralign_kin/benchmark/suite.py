@@ -25,7 +25,7 @@ from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
 
 ABLATION_ROBOTS = ("panda", "ur5", "z1", "allegro", "solo12", "tiago", "go2", "pendulum")
-"""Arms, a hand, twin legs, a mobile base, and hardly anything; the largest take an hour and say the same."""
+"""Arms, a hand, legs that can be taken for each other, a mobile base, and two plain rods."""
 
 ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
 """Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""

@@ -118,8 +118,7 @@ class Estimator:
             solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
             solution = self._solve(solver, finished)
             solution, judged = self._judge(search, solver, solution, prior)
-        with watch.stage("report"):
-            return self._report(scan, search, finished, solution, judged, watch)
+        return self._report(scan, search, finished, solution, judged, watch)
 
     def _bounds(self, prior: Array) -> tuple[Array, Array]:
         """Return the joint limits in search units; a locked joint's limits are its prior value."""

@@ -19,6 +19,13 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 
+LEAST_POINTS = 20
+"""Occupied cells of the downsampling below which a scan cannot be of the model."""
+MOST_EXTENT = 1000.0
+"""Model diagonals beyond which a scan is not looked at."""
+MOST_CELLS = 1.5e8
+"""Cells of the field that memory allows."""
+
 
 @dataclass(frozen=True)
 class ObservationOptions:
@@ -112,13 +119,12 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
     centre = np.asarray(scan.points.mean(axis=0))
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+    _check_scale(scan, raw, diagonal, options)
     origin = _common_origin(scan, centre, diagonal)
     if options.remove_planes and origin is None:
         raw = _without_wide_plane(raw, options, threads)
     points, _, _ = kernels.voxel_means(raw, options.voxel)
     points, spacing = _without_strays(points, options)
-    if len(points) < 20:
-        raise ScanError("scan", f"only {len(points)} points are left at the model's scale; is the scan of this model?")
     noise = _noise(raw)
     radius = options.noisy_radius if noise > options.noisy else options.normal_radius + options.normal_noises * noise
     radius = max(radius, options.neighbour_spacings * spacing)
@@ -135,6 +141,24 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     )  # fmt: skip
     given, given_normals = _as_given(raw, points, normals, options.given_points)
     return Observation(points, normals, given, given_normals, spacing, noise, origin, field, centre, diagonal)
+
+
+def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
+    """Raise `ScanError` for a scan far smaller or far larger than the model."""
+    occupied = len(kernels.voxel_means(raw, options.voxel)[0]) if np.ptp(raw, axis=0).max() < MOST_EXTENT else 0
+    if 0 < occupied < LEAST_POINTS:
+        raise ScanError(
+            scan.source,
+            f"it fills only {occupied} cells of {100 * options.voxel:g}% of the model, which is {diagonal:.3g} m "
+            "across: is the scan of this model and at its scale?",
+        )
+    cells = np.prod(np.ptp(raw, axis=0) / options.field_cell + 10)
+    if occupied == 0 or cells > MOST_CELLS:
+        raise ScanError(
+            scan.source,
+            f"it spans {np.ptp(raw, axis=0).max():.3g} times the model, which is {diagonal:.3g} m across: "
+            "crop it to the surroundings of the model (--crop)",
+        )
 
 
 def _as_given(raw: Float, points: Float, normals: Float, count: int) -> tuple[Float, Float]:

@@ -47,7 +47,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
                 continue
             done.add(key)
-            tried = repair_moves(search, solution, options, turn=turn and round_ == 0)
+            tried = repair_moves(search, solution, options, sweep=i == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.scored(tried)[0].best_first().take(slice(options.refined)))
         if not moved:
@@ -60,7 +60,9 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     return solutions
 
 
-def repair_moves(search: TreeSearch, solution: Candidates, options: RepairOptions, *, turn: bool) -> Candidates | None:
+def repair_moves(
+    search: TreeSearch, solution: Candidates, options: RepairOptions, *, sweep: bool, turn: bool
+) -> Candidates | None:
     """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere."""
     support = search.scored(solution)[1][0]
     unexplained = search.unexplained(solution)
@@ -77,7 +79,8 @@ def repair_moves(search: TreeSearch, solution: Candidates, options: RepairOption
         moves.append(search.grow(_placed(roots, placements[roots])))
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
-    moves.append(_swept(search, solution))
+    if sweep:
+        moves.append(_swept(search, solution))
     if turn:
         moves += _turned(search, placements, options)
     return Candidates.concatenate(moves) if moves else None

@@ -105,17 +105,19 @@ float Search::violation(int part, const RigidF &T, float distance) const {
     return sum / s.cumulated[count];
 }
 
-// The two-way score from coverage and ownership; `support` (parts) is filled in.
-float Search::total_score(float covered, const std::vector<int> &owner, const std::vector<RigidF> &T,
-                          float coverage_distance, float *support) const {
-    const float support_distance = 1.2f * coverage_distance;
+// Support of the parts in `mask`.
+void Search::update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
+                            const uint8_t *mask, float *support) const {
+    const float distance = 1.2f * coverage_distance;
+    for (int p = 0; p < model.parts; ++p)
+        if (mask[p]) support[p] = field.has_origin ? violation(p, T[p], distance) : exclusive_support(p, T[p], owner, distance);
+}
+
+float Search::total_score(float covered, const float *support) const {
     float total = 0;
-    for (int p = 0; p < model.parts; ++p) {
-        support[p] = 0;
-        if (!model.surface[p].exists) continue;
-        support[p] = field.has_origin ? violation(p, T[p], support_distance) : exclusive_support(p, T[p], owner, support_distance);
-        total += model.surface[p].weight * (field.has_origin ? support[p] : std::max(support[p], options.absent_floor));
-    }
+    for (int p = 0; p < model.parts; ++p)
+        if (model.surface[p].exists)
+            total += model.surface[p].weight * (field.has_origin ? support[p] : std::max(support[p], options.absent_floor));
     return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
 }
 
@@ -133,14 +135,17 @@ void Search::score(std::vector<Configuration> &configurations, float coverage_di
         for (const Rigid &t : T) F.push_back(to_float(t));
         const Assignment a = assign(&field.points[0].p, int64_t(field.points.size()), 2, T.data(), mask.data(), options.band);
         covered[c] = coverage(a, field.points, F, coverage_distance);
-        configurations[c].score = total_score(covered[c], a.part, F, coverage_distance, &support[c * n]);
+        update_support(a.part, F, coverage_distance, mask.data(), &support[c * n]);
+        configurations[c].score = total_score(covered[c], &support[c * n]);
     });
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
-    const int n = model.parts;
-    const int64_t count = int64_t(field.points.size());
+    constexpr int most_points = 1500;
+    const int n = model.parts, count = std::min<int>(most_points, int(field.points.size()));
+    std::vector<OrientedPoint> sampled(count);
+    for (int i = 0; i < count; ++i) sampled[i] = field.points[shuffled[i]];
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
@@ -148,34 +153,47 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         int child = 1;
         while (model.actuated[child] != task.joint) ++child;
         // With the base moving the first part on the joint stands still, and all that hangs rigidly on it.
-        std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
+        std::vector<uint8_t> hangs(n, 0), moves(n), stays(n), exists(n);
         for (int p = 1; p < n; ++p)
             hangs[p] = hangs[model.parent[p]] || (task.base_moves ? p == child : model.actuated[p] == task.joint);
         for (int p = 0; p < n; ++p) {
             const bool is_moving = task.base_moves ? !hangs[p] : hangs[p];
-            moves[p] = is_moving && model.surface[p].exists;
-            stays[p] = !is_moving && model.surface[p].exists;
+            exists[p] = model.surface[p].exists;
+            moves[p] = is_moving && exists[p];
+            stays[p] = !is_moving && exists[p];
         }
         std::vector<Rigid> T(n);
         std::vector<RigidF> F(n);
-        model.forward(c.base, c.values.data(), T.data());
+        auto place = [&](const Configuration &at) {
+            model.forward(at.base, at.values.data(), T.data());
+            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+        };
+        place(c);
         const Rigid held = T[child];
-        const Assignment before = assign(&field.points[0].p, count, 2, T.data(), stays.data(), options.band);
+        const Assignment before = assign(&sampled[0].p, count, 2, T.data(), stays.data(), options.band);
+        Assignment all = before;
+        assign_more(&sampled[0].p, 2, T.data(), moves.data(), all);
+        std::vector<float> support(n, 0.f);
+        // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
+        std::vector<int> owner(field.points.size(), -1);
+        for (int i = 0; i < count; ++i) owner[shuffled[i]] = all.part[i];
+        update_support(owner, F, options.coverage_distance, stays.data(), support.data());
         const Sweep &sweep = sweeps[child];
-        std::vector<float> row, support(n);
+        std::vector<float> row;
         std::vector<Configuration> tried;
         for (double value : sweep.values) {
             Configuration moved{c.base, c.values, 0};
             moved.values[task.joint] = value;
-            model.forward(moved.base, moved.values.data(), T.data());
             if (task.base_moves) {
+                place(moved);
                 moved.base = held * inverse(T[child]) * moved.base;
-                model.forward(moved.base, moved.values.data(), T.data());
             }
-            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+            place(moved);
             Assignment a = before;
-            assign_more(&field.points[0].p, 2, T.data(), moves.data(), a);
-            moved.score = total_score(coverage(a, field.points, F, options.coverage_distance), a.part, F, options.coverage_distance, support.data());
+            assign_more(&sampled[0].p, 2, T.data(), moves.data(), a);
+            for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
+            update_support(owner, F, options.coverage_distance, moves.data(), support.data());
+            moved.score = total_score(coverage(a, sampled, F, options.coverage_distance), support.data());
             row.push_back(moved.score);
             tried.push_back(std::move(moved));
         }

@@ -137,8 +137,9 @@ class Search {
     float violation(int part, const RigidF &T, float distance) const;
     float coverage(const Assignment &a, const std::vector<OrientedPoint> &points, const std::vector<RigidF> &T,
                    float distance) const;
-    float total_score(float covered, const std::vector<int> &owner, const std::vector<RigidF> &T,
-                      float coverage_distance, float *support) const;
+    void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
+                        const uint8_t *mask, float *support) const;
+    float total_score(float covered, const float *support) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 

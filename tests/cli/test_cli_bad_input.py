@@ -43,9 +43,7 @@ def test_missing_files(arm: Path, cloud: Path, tmp_path: Path, refused: Callable
     assert "none.npz" in refused(arm, cloud, "--correspondences", tmp_path / "none.npz")
 
 
-def test_folders_in_the_place_of_files(
-    arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_folders_in_the_place_of_files(arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     for name in ("folder.urdf", "folder.ply", "folder.json"):
         (tmp_path / name).mkdir()
     assert "folder.urdf" in refused(tmp_path / "folder.urdf", cloud)
@@ -53,9 +51,7 @@ def test_folders_in_the_place_of_files(
     assert "folder.json" in refused(arm, cloud, "--initial", tmp_path / "folder.json")
 
 
-@pytest.mark.parametrize(
-    "name", ["x.ply", "x.pcd", "x.xyz", "x.npy", "x.npz", "x.stl", "x.obj", "x.glb", "x.foo"]
-)
+@pytest.mark.parametrize("name", ["x.ply", "x.pcd", "x.xyz", "x.npy", "x.npz", "x.stl", "x.obj", "x.glb", "x.foo"])
 @pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe garbage \n\x01" * 9], ids=["empty", "garbage"])
 def test_scan_files_that_are_none(
     name: str, content: bytes, arm: Path, tmp_path: Path, refused: Callable[..., str]
@@ -65,16 +61,12 @@ def test_scan_files_that_are_none(
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00\xff", b"<robot", b"<robot name='a'/>", b"<sdf/>", b"{}"])
-def test_urdf_files_that_are_none(
-    content: bytes, cloud: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_urdf_files_that_are_none(content: bytes, cloud: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     (tmp_path / "x.urdf").write_bytes(content)
     assert "x.urdf" in refused(tmp_path / "x.urdf", cloud)
 
 
-def test_missing_meshes_are_named(
-    write_arm: Callable[..., Path], cloud: Path, refused: Callable[..., str]
-) -> None:
+def test_missing_meshes_are_named(write_arm: Callable[..., Path], cloud: Path, refused: Callable[..., str]) -> None:
     link = '<link name="{0}"><visual><geometry><mesh filename="{1}"/></geometry></visual></link>'
     joint = '<joint name="j{0}" type="fixed"><parent link="base"/><child link="{0}"/></joint>'
     more = "".join(
@@ -127,8 +119,7 @@ def test_degenerate_triangles_do_no_harm(
     write_arm: Callable[..., Path], tmp_path: Path, scan: Path, pwralign: Call
 ) -> None:
     (tmp_path / "mesh.obj").write_text(
-        "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nv 0.05 0 0\n"
-        "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\nf 1 5 2\nf 1 1 1\n"
+        "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nv 0.05 0 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\nf 1 5 2\nf 1 1 1\n"
     )
     urdf = write_arm(
         more='<link name="a"><visual><geometry><mesh filename="mesh.obj"/></geometry></visual></link>'
@@ -139,9 +130,7 @@ def test_degenerate_triangles_do_no_harm(
     assert "nan" not in outcome.out
 
 
-def test_a_mesh_of_nothing_but_degenerate_triangles(
-    tmp_path: Path, cloud: Path, refused: Callable[..., str]
-) -> None:
+def test_a_mesh_of_nothing_but_degenerate_triangles(tmp_path: Path, cloud: Path, refused: Callable[..., str]) -> None:
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     (tmp_path / "x.urdf").write_text(
         '<robot name="a"><link name="b"><visual><geometry>'
@@ -200,9 +189,7 @@ def test_names_that_do_not_exist(arm: Path, cloud: Path, tmp_path: Path, refused
     "content",
     ["", "[]", "{}", '{"T_scan_base": 3}', '{"T_scan_base": [[1,2],[3,4]]}', '{"T_scan_base": null}'],
 )
-def test_malformed_states(
-    content: str, arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_malformed_states(content: str, arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     (tmp_path / "guess.json").write_text(content)
     assert "guess.json" in refused(arm, cloud, "--initial", tmp_path / "guess.json")
 

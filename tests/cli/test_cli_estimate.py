@@ -48,12 +48,9 @@ def test_json_is_all_that_is_on_stdout(arm: Path, scan: Path, truth: State, pwra
     _assert_right(_answer(pwralign("estimate", arm, scan, "--json")), truth)
 
 
-def test_the_same_seed_gives_the_same_answer_at_any_thread_count(
-    arm: Path, scan: Path, pwralign: Call
-) -> None:
+def test_the_same_seed_gives_the_same_answer_at_any_thread_count(arm: Path, scan: Path, pwralign: Call) -> None:
     one, two = (
-        _answer(pwralign("estimate", arm, scan, "--json", "--seed", 5, "--threads", threads))
-        for threads in (1, 2)
+        _answer(pwralign("estimate", arm, scan, "--json", "--seed", 5, "--threads", threads)) for threads in (1, 2)
     )
     assert one["T_scan_base"] == two["T_scan_base"]
     assert one["joints"] == two["joints"]
@@ -62,9 +59,7 @@ def test_the_same_seed_gives_the_same_answer_at_any_thread_count(
 def test_writes_the_result_into_a_folder(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     outcome = pwralign("estimate", arm, scan, "--out", tmp_path / "deep" / "result")
     assert outcome.code == 0, outcome.err
-    written = [
-        Path(line.removeprefix("wrote ")) for line in outcome.out.splitlines() if line.startswith("wrote ")
-    ]
+    written = [Path(line.removeprefix("wrote ")) for line in outcome.out.splitlines() if line.startswith("wrote ")]
     assert {"state.json", "aligned.urdf", "model.glb", "overlay.png"} <= {path.name for path in written}
     assert all(path.stat().st_size > 0 for path in written)
     assert sorted(path.name for path in written) == sorted(path.name for path in written[0].parent.iterdir())
@@ -91,15 +86,11 @@ def test_locked_joints_keep_the_value_given(arm: Path, scan: Path, pwralign: Cal
 
 
 @pytest.mark.parametrize("units", ["mm", "auto"])
-def test_a_scan_in_millimetres(
-    units: str, arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
-) -> None:
+def test_a_scan_in_millimetres(units: str, arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call) -> None:
     points = 1e3 * Scan.load(scan).points
     np.save(tmp_path / "mm.npy", points)
     low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
-    outcome = pwralign(
-        "estimate", arm, tmp_path / "mm.npy", "--units", units, "--json", "--crop", *low, *high
-    )
+    outcome = pwralign("estimate", arm, tmp_path / "mm.npy", "--units", units, "--json", "--crop", *low, *high)
     assert outcome.code == 0
     assert ("taken as millimetres" in outcome.err) == (units == "auto")
     _assert_right(json.loads(outcome.out), truth)

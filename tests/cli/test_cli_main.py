@@ -72,17 +72,10 @@ def test_help_comes_at_once() -> None:
 
 
 def test_help_loads_no_heavy_library() -> None:
-    script = (
-        "import sys; from pwralign_kin.cli import main; main(['--help']);"
-        "sys.stderr.write(' '.join(sys.modules))"
-    )
-    loaded = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    ).stderr.split()
+    script = "import sys; from pwralign_kin.cli import main; main(['--help']);sys.stderr.write(' '.join(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stderr.split()
     assert "cyclopts" in loaded
-    assert not {"numpy", "scipy", "open3d", "pinocchio", "casadi", "trimesh", "pwralign_kin.kernels"} & set(
-        loaded
-    )
+    assert not {"numpy", "scipy", "open3d", "pinocchio", "casadi", "trimesh", "pwralign_kin.kernels"} & set(loaded)
 
 
 def test_an_unexpected_error_leaves_a_traceback_in_a_file(
@@ -184,9 +177,7 @@ def test_doctor_finds_two_open3d(pwralign: Call, monkeypatch: pytest.MonkeyPatch
     assert "pip uninstall -y open3d open3d-cpu" in outcome.out
 
 
-def test_doctor_tries_to_write_the_cache(
-    pwralign: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_tries_to_write_the_cache(pwralign: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("PWRALIGN_CACHE_DIR", str(tmp_path / "file" / "cache"))
     outcome = pwralign("doctor")

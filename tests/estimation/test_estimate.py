@@ -1,0 +1,207 @@
+"""The estimate at its public surface, on a small arm with known truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation import Correspondences
+from pwralign_kin.exceptions import CorrespondenceError, ScanError, UnknownNameError
+from pwralign_kin.simulation import SimulatedScan
+
+
+def worst_joint(model: pk.ArticulatedModel, estimate: pk.Estimate, truth: pk.State) -> float:
+    """Largest error of a joint: rad, or m over the model's diagonal."""
+    errors = []
+    for name in model.joint_names:
+        error = abs(estimate.state.joints[name] - truth.joints[name])
+        errors.append(error if model.units[name] == "rad" else error / model.diagonal)
+    return max(errors)
+
+
+def base_shift(model: pk.ArticulatedModel, estimate: pk.Estimate, truth: pk.State) -> float:
+    """Distance of the base's origin to its true place, in model diagonals."""
+    return float(np.linalg.norm((estimate.state.T_scan_base - truth.T_scan_base)[:3, 3]) / model.diagonal)
+
+
+@pytest.fixture(scope="module")
+def full(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> pk.Estimate:
+    return pk.estimate(arm, full_scan.scan)
+
+
+def test_full_scan_without_a_guess(arm: pk.ArticulatedModel, full_scan: SimulatedScan, full: pk.Estimate) -> None:
+    assert worst_joint(arm, full, full_scan.state) < np.radians(1)
+    assert base_shift(arm, full, full_scan.state) < 0.005
+    assert full.converged
+    assert full.confidence > 0.8
+    assert full.scan_coverage > 0.95
+    assert full.inlier_rmse < 0.01 * arm.diagonal
+    assert full.undetermined == ()
+
+
+def test_single_view_without_a_guess(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    estimate = pk.estimate(arm, single_scan.scan)
+    told = [name for name in arm.joint_names if name not in estimate.undetermined]
+    assert len(told) >= 2
+    for name in told:
+        unit = arm.diagonal if arm.units[name] == "m" else 1.0
+        assert abs(estimate.state.joints[name] - single_scan.state.joints[name]) / unit < np.radians(2)
+
+
+def test_labels_name_the_part_of_every_point_given(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, full: pk.Estimate
+) -> None:
+    right = full.scan_labels == full_scan.labels
+    assert right.mean() > 0.95
+    points = np.concatenate([full_scan.scan.points, [[np.nan, 0, 0]], full_scan.scan.points[:1]])
+    again = pk.estimate(arm, pk.Scan(points))
+    assert len(again.scan_labels) == len(points)
+    assert again.scan_labels[-1] == again.scan_labels[-2] == -1
+
+
+def test_parts_hang_together_and_follow_the_state(arm: pk.ArticulatedModel, full: pk.Estimate) -> None:
+    placements = full.state.T_scan_base @ arm.part_placements(arm.values(full.state.joints))
+    for part, placement in zip(full.parts.values(), placements, strict=True):
+        assert np.abs(part.T_scan_part - placement).max() < 1e-9
+    assert sum(part.points for part in full.parts.values()) == (full.scan_labels >= 0).sum()
+
+
+def test_values_stay_within_the_limits(arm: pk.ArticulatedModel, full: pk.Estimate) -> None:
+    values = np.array(list(full.state.joints.values()))
+    assert (values >= arm.lower).all()
+    assert (values <= arm.upper).all()
+
+
+def test_the_same_seed_gives_the_same_bits_at_any_thread_count(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan
+) -> None:
+    results = [
+        pk.estimate(arm, single_scan.scan, options=pk.EstimatorOptions(seed=5, threads=threads)) for threads in (1, 2, 2)
+    ]
+    for other in results[1:]:
+        assert other.state.T_scan_base.tobytes() == results[0].state.T_scan_base.tobytes()
+        assert other.state.joints == results[0].state.joints
+        assert other.confidence == results[0].confidence
+
+
+def test_a_guess_is_refined(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    truth = single_scan.state
+    T = truth.T_scan_base.copy()
+    T[:3, 3] += 0.04 * arm.diagonal
+    off = {name: value + (0.15 if arm.units[name] == "rad" else 0.0) for name, value in truth.joints.items()}
+    estimate = pk.estimate(arm, single_scan.scan, initial=pk.State(T, off))
+    assert abs(estimate.state.joints["shoulder"] - truth.joints["shoulder"]) < np.radians(2)
+    assert base_shift(arm, estimate, truth) < 0.01
+
+
+def test_a_bad_guess_is_searched_away(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    estimate = pk.estimate(arm, full_scan.scan, initial=pk.State(np.eye(4), {"shoulder": 0.0}))
+    assert worst_joint(arm, estimate, full_scan.state) < np.radians(2)
+
+
+def test_locked_joints_keep_their_prior_exactly(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    value = full_scan.state.joints["elbow"]
+    options = pk.EstimatorOptions(locked=("elbow",), prior={"elbow": value})
+    estimate = pk.estimate(arm, full_scan.scan, options=options)
+    assert estimate.state.joints["elbow"] == pytest.approx(value, abs=1e-12)
+    assert worst_joint(arm, estimate, full_scan.state) < np.radians(1)
+
+
+def test_an_unseen_part_leaves_its_joint_undetermined_at_its_prior(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan
+) -> None:
+    jaw = [part.name for part in arm.parts].index("jaw")
+    seen = pk.Scan(full_scan.scan.points[full_scan.labels != jaw])
+    estimate = pk.estimate(arm, seen, options=pk.EstimatorOptions(prior={"grip": 0.04}))
+    assert estimate.undetermined == ("grip",)
+    assert estimate.state.joints["grip"] == pytest.approx(0.04)
+    assert not np.isfinite(estimate.std["grip"])
+    assert abs(estimate.state.joints["elbow"] - full_scan.state.joints["elbow"]) < np.radians(1.5)
+
+
+def test_correspondences_with_most_pairs_wrong_suffice(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    rng = np.random.default_rng(0)
+    truth = full_scan.state
+    zero = arm.part_placements(np.zeros(len(arm.joint_names)))
+    posed = truth.T_scan_base @ arm.part_placements(arm.values(truth.joints))
+    sources, targets = [], []
+    for part, surface in enumerate(arm.surfaces):
+        local = surface.samples * arm.diagonal
+        sources.append(local @ zero[part, :3, :3].T + zero[part, :3, 3])
+        targets.append(local @ posed[part, :3, :3].T + posed[part, :3, 3])
+    source, target = np.concatenate(sources), np.concatenate(targets)
+    wrong = rng.random(len(target)) < 0.6
+    target[wrong] = rng.permutation(full_scan.scan.points)[: wrong.sum()]
+    pairs = Correspondences(source, target, np.ones(len(source)))
+    estimate = pk.estimate(arm, full_scan.scan, correspondences=pairs, options=pk.EstimatorOptions(sources=()))
+    assert worst_joint(arm, estimate, truth) < np.radians(1)
+
+
+def test_features_alone_make_hypotheses(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    estimate = pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(sources=("fpfh",)))
+    assert base_shift(arm, estimate, full_scan.state) < 0.01
+
+
+def test_each_part_of_the_pipeline_can_be_switched_off(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    base = pk.EstimatorOptions()
+    for options in (
+        dataclasses.replace(base, repair=dataclasses.replace(base.repair, rounds=0)),
+        dataclasses.replace(base, search=dataclasses.replace(base.search, two_way=False)),
+        dataclasses.replace(base, least_squares=dataclasses.replace(base.least_squares, enabled=False)),
+        dataclasses.replace(base, least_squares=dataclasses.replace(base.least_squares, bounds=False)),
+    ):
+        estimate = pk.estimate(arm, full_scan.scan, options=options)
+        assert np.isfinite(estimate.cost)
+        assert estimate.options["seed"] == 0
+
+
+def test_progress_names_the_stages(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    stages: list[str] = []
+    estimate = pk.estimate(arm, full_scan.scan, progress=stages.append)
+    assert set(stages) == set(estimate.timings)
+
+
+def test_the_printed_estimate_names_joints_and_parts(full: pk.Estimate) -> None:
+    text = str(full)
+    for word in ("shoulder", "elbow", "grip", "mm", "deg", "confidence", "jaw", "converged"):
+        assert word in text
+
+
+def test_the_summary_is_json(full: pk.Estimate) -> None:
+    content = json.loads(json.dumps(full.to_dict(), allow_nan=False))
+    assert content["base_link"] == "base"
+    assert content["joints"] == dict(full.state.joints)
+
+
+def test_unknown_joints_are_named() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'elbow'"):
+        raise UnknownNameError("joint", "elbov", ["elbow"])
+
+
+@pytest.mark.parametrize("options", [pk.EstimatorOptions(locked=("elbov",)), pk.EstimatorOptions(prior={"elbov": 0})])
+def test_options_that_do_not_fit_the_model_are_refused(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, options: pk.EstimatorOptions
+) -> None:
+    with pytest.raises(UnknownNameError, match="elbow"):
+        pk.estimate(arm, full_scan.scan, options=options)
+
+
+def test_a_scan_of_nothing_at_the_models_scale_is_refused(arm: pk.ArticulatedModel) -> None:
+    tiny = 1e-6 * np.random.default_rng(0).random((500, 3))
+    with pytest.raises(ScanError, match="scale"):
+        pk.estimate(arm, pk.Scan(tiny))
+
+
+def test_no_source_of_hypotheses_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(CorrespondenceError, match="sources"):
+        pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(sources=()))
+
+
+def test_correspondences_elsewhere_are_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    far = Correspondences(np.full((5, 3), 99.0), np.full((5, 3), 99.0), np.ones(5))
+    with pytest.raises(CorrespondenceError, match="not on the model"):
+        pk.estimate(arm, full_scan.scan, correspondences=far)

@@ -1,0 +1,102 @@
+"""The compiled kernels against brute force and Pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pwralign_kin import kernels
+
+
+def cloud(count: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).random((count, 3)).astype(np.float32)
+
+
+def test_thinned_points_keep_their_distance_and_cover_the_rest() -> None:
+    points, radius = cloud(3000), 0.07
+    kept = points[kernels.thin(points, radius)]
+    apart = np.linalg.norm(kept[:, None] - kept[None], axis=2)
+    assert apart[~np.eye(len(kept), dtype=bool)].min() > radius
+    assert np.linalg.norm(points[:, None] - kept[None], axis=2).min(axis=1).max() <= radius
+
+
+def test_every_prefix_of_farthest_points_spreads_out() -> None:
+    points = cloud(2000)
+    order = kernels.farthest_points(points, 64)
+    assert len(set(order.tolist())) == 64
+    for count in (4, 16, 63):
+        chosen = points[order[:count]]
+        distance = np.linalg.norm(points[:, None] - chosen[None], axis=2).min(axis=1)
+        assert distance[order[count]] == pytest.approx(distance.max(), abs=1e-6)
+
+
+def test_more_farthest_points_than_there_are_gives_all() -> None:
+    assert sorted(kernels.farthest_points(cloud(7), 20).tolist()) == list(range(7))
+
+
+def test_closest_sample_grid_matches_brute_force() -> None:
+    samples, cell, dims, band = cloud(300, seed=1), 0.05, (24, 24, 24), 0.2
+    origin = (-0.1, -0.1, -0.1)
+    grid = kernels.closest_sample_grid(samples, origin, cell, dims, band).reshape(dims)
+    index = np.stack(np.meshgrid(*map(np.arange, dims), indexing="ij"), axis=-1).reshape(-1, 3)
+    centres = np.array(origin) + (index + 0.5) * cell
+    distance = np.linalg.norm(centres[:, None] - samples[None], axis=2)
+    found = grid.reshape(-1)
+    inside = distance.min(axis=1) < band - 1e-3
+    assert (found[distance.min(axis=1) > band + 1e-3] == 65535).all()
+    gap = distance[np.arange(len(found)), np.minimum(found, 299)][inside] - distance.min(axis=1)[inside]
+    assert gap.max() < 0.3 * cell  # vector propagation is nearly exact ...
+    assert (gap < 1e-6).mean() > 0.98  # ... and almost everywhere quite
+
+
+def test_voxel_means_are_the_means_of_their_points() -> None:
+    points = cloud(500, seed=2)
+    means, counts, cell = kernels.voxel_means(points, 0.2)
+    assert counts.sum() == len(points)
+    for i in range(len(means)):
+        np.testing.assert_allclose(means[i], points[cell == i].mean(axis=0), atol=1e-5)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_local_planes_find_normal_and_thickness_of_a_noisy_plane(threads: int) -> None:
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.random((4000, 2)), 0.01 * rng.normal(size=4000)]).astype(np.float32)
+    normals, means, variance, neighbours = kernels.local_planes(points, 0.15, threads)
+    inner = (np.abs(points[:, :2] - 0.5) < 0.3).all(axis=1)
+    assert np.abs(normals[inner, 2]).min() > 0.98
+    assert np.abs(means[inner, 2]).max() < 0.006
+    assert np.sqrt(np.median(variance[inner])) == pytest.approx(0.01, rel=0.1)
+    assert neighbours[inner].min() > 100
+
+
+def test_openness_tells_the_outside_of_a_sphere() -> None:
+    rng = np.random.default_rng(4)
+    outward = rng.normal(size=(4000, 3))
+    outward = (outward / np.linalg.norm(outward, axis=1)[:, None]).astype(np.float32)
+    points = np.ascontiguousarray(0.4 * outward)
+    assert (kernels.openness(points, outward, 0.03, 2) > 0).mean() > 0.99
+    assert (kernels.openness(points, np.ascontiguousarray(-outward), 0.03, 2) < 0).mean() > 0.99
+
+
+def test_dominant_plane_is_found_among_clutter() -> None:
+    rng = np.random.default_rng(5)
+    plane = np.column_stack([rng.random((600, 2)), np.full(600, 0.3)])
+    points = np.concatenate([plane, rng.random((600, 3))]).astype(np.float32)
+    normals = np.tile(np.float32([0, 0, 1]), (1200, 1))
+    x, y, z, offset, inliers = kernels.dominant_plane(points, normals, 0.01, 100, 0)
+    assert (abs(z), abs(offset)) == (pytest.approx(1), pytest.approx(0.3, abs=0.01))
+    assert inliers >= 600
+    assert abs(x) + abs(y) < 1e-6
+
+
+def test_wrong_shapes_and_names_are_refused() -> None:
+    points = cloud(10)
+    with pytest.raises(ValueError, match="differ in length"):
+        kernels.openness(points, points[:5].copy(), 0.1, 1)
+    with pytest.raises(TypeError):
+        kernels.thin(points[:, :2].copy(), 0.1)
+    with pytest.raises(ValueError, match="parents"):
+        kernels.Articulated(
+            np.array([-1, 1], np.int32), np.zeros(2, np.int32), np.tile(np.eye(4), (2, 1, 1)), np.ones((2, 3)),
+            np.zeros(2, np.uint8), np.ones(2), np.zeros(2), np.zeros(1), np.ones(1), np.zeros(1, np.uint8),
+        )  # fmt: skip
