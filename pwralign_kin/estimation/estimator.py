@@ -138,9 +138,9 @@ class Estimator:
         with watch.stage("hypotheses"):
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
-            grown = search.scored(search.grow(hypotheses))[0].best_first()
+            grown = search.grow(hypotheses)
         with watch.stage("refinement"):
-            kept = grown.take(slice(search.options.refined + search.many * search.options.more_refined))
+            kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with watch.stage("repair"):
             return repair(search, refined, self.options.repair, turn=True)

@@ -49,7 +49,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             done.add(key)
             tried = repair_moves(search, solution, options, sweep=i == 0, turn=turn and round_ == 0)
             if tried is not None:
-                moved.append(search.scored(tried)[0].best_first().take(slice(options.refined)))
+                moved.append(search.sifted(tried, options.refined))
         if not moved:
             break
         # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.

@@ -44,6 +44,8 @@ class SearchOptions:
     """Grown configurations that are refined together."""
     refine_points: int = 900
     fine_points: int = 1500
+    sift_points: int = 800
+    """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
     two_way: bool = True
@@ -157,14 +159,21 @@ class TreeSearch:
 
     def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part."""
-        total, _, support = self.native.score(
-            candidates.bases, candidates.values, distance or self.options.coverage_distance
-        )
+        total, _, support = self._score(candidates, distance or self.options.coverage_distance)
         return Candidates(candidates.bases, candidates.values, total), support
+
+    def sifted(self, candidates: Candidates, count: int) -> Candidates:
+        """Return the best `count` candidates by a two-way score on few points, best first."""
+        total, _, _ = self._score(candidates, self.options.coverage_distance, self.options.sift_points)
+        return Candidates(candidates.bases, candidates.values, total).best_first().take(slice(count))
 
     def coverage(self, candidates: Candidates) -> Float:
         """Return the weighted share of the scan that each candidate explains."""
-        return np.asarray(self.native.score(candidates.bases, candidates.values, self.options.coverage_distance)[1])
+        return self._score(candidates, self.options.coverage_distance)[1]
+
+    def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
+        points = points or len(self.observation.points)
+        return self.native.score(candidates.bases, candidates.values, points, distance)
 
     def refined(
         self,

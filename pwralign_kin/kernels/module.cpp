@@ -319,16 +319,17 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "keep"_a)
-        .def("score", [](const Search &self, Placements bases, Matrix values, float coverage_distance) {
+        .def("score", [](const Search &self, Placements bases, Matrix values, int points, float coverage_distance) {
+            require(points > 0, "a score needs points");
             auto configurations = read_configurations(self.model, bases, values);
             std::vector<float> coverage, support, total;
             {
                 nb::gil_scoped_release release;
-                self.score(configurations, coverage_distance, coverage, support);
+                self.score(configurations, points, coverage_distance, coverage, support);
             }
             for (const auto &c : configurations) total.push_back(c.score);
             return nb::make_tuple(to_numpy(std::move(total)), to_numpy(std::move(coverage)), to_numpy(std::move(support), {configurations.size(), size_t(self.model.parts)}));
-        }, "bases"_a, "values"_a, "coverage_distance"_a)
+        }, "bases"_a, "values"_a, "points"_a, "coverage_distance"_a)
         .def("refine", [](const Search &self, Placements bases, Matrix values, int points, int iterations, float sigma_first, float sigma_last, float support_weight, FloatMatrix part_weights) {
             auto configurations = read_configurations(self.model, bases, values);
             require(part_weights.shape(0) == configurations.size() && int(part_weights.shape(1)) == self.model.parts, "part_weights must be (m, parts)");

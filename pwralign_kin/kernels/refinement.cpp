@@ -72,9 +72,7 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
 void Search::refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                         float support_weight, const float *part_weights) const {
     const int n = model.parts, joints = model.joints, size = 6 + joints;
-    points = std::min<int>(points, int(field.points.size()));
-    std::vector<OrientedPoint> sampled(points);
-    for (int i = 0; i < points; ++i) sampled[i] = field.points[shuffled[i]];
+    const std::vector<OrientedPoint> sampled = sample_of_points(points);
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
     Assignment assignment;

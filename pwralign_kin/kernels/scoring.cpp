@@ -121,9 +121,10 @@ float Search::total_score(float covered, const float *support) const {
     return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
 }
 
-void Search::score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &covered,
-                   std::vector<float> &support) const {
+void Search::score(std::vector<Configuration> &configurations, int points, float coverage_distance,
+                   std::vector<float> &covered, std::vector<float> &support) const {
     const int n = model.parts;
+    const std::vector<OrientedPoint> sampled = sample_of_points(points);
     covered.assign(configurations.size(), 0.f);
     support.assign(configurations.size() * n, 0.f);
     std::vector<uint8_t> mask(n);
@@ -133,19 +134,26 @@ void Search::score(std::vector<Configuration> &configurations, float coverage_di
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
-        const Assignment a = assign(&field.points[0].p, int64_t(field.points.size()), 2, T.data(), mask.data(), options.band);
-        covered[c] = coverage(a, field.points, F, coverage_distance);
-        update_support(a.part, F, coverage_distance, mask.data(), &support[c * n]);
+        const Assignment a = assign(&sampled[0].p, int64_t(sampled.size()), 2, T.data(), mask.data(), options.band);
+        covered[c] = coverage(a, sampled, F, coverage_distance);
+        std::vector<int> owner(field.points.size(), -1);
+        for (size_t i = 0; i < sampled.size(); ++i) owner[shuffled[i]] = a.part[i];
+        update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
         configurations[c].score = total_score(covered[c], &support[c * n]);
     });
+}
+
+std::vector<OrientedPoint> Search::sample_of_points(int most) const {
+    std::vector<OrientedPoint> sampled(std::min<size_t>(most, field.points.size()));
+    for (size_t i = 0; i < sampled.size(); ++i) sampled[i] = field.points[shuffled[i]];
+    return sampled;
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
     constexpr int most_points = 1500;
-    const int n = model.parts, count = std::min<int>(most_points, int(field.points.size()));
-    std::vector<OrientedPoint> sampled(count);
-    for (int i = 0; i < count; ++i) sampled[i] = field.points[shuffled[i]];
+    const std::vector<OrientedPoint> sampled = sample_of_points(most_points);
+    const int n = model.parts, count = int(sampled.size());
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];

@@ -84,9 +84,9 @@ class Search {
     // Sweep one actuated joint of whole configurations; the best `keep` modes of each task by the two-way score.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                      int keep) const;
-    // Two-way score of whole configurations; `support` is (m, parts).
-    void score(std::vector<Configuration> &configurations, float coverage_distance, std::vector<float> &coverage,
-               std::vector<float> &support) const;
+    // Two-way score of whole configurations on a fair sample of at most `points` scan points; `support` is (m, parts).
+    void score(std::vector<Configuration> &configurations, int points, float coverage_distance,
+               std::vector<float> &coverage, std::vector<float> &support) const;
     // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
     void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                 float sigma_last, float support_weight, const std::vector<float> &part_weights) const;
@@ -139,6 +139,7 @@ class Search {
                    float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
+    std::vector<OrientedPoint> sample_of_points(int most) const;
     float total_score(float covered, const float *support) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
