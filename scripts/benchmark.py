@@ -28,10 +28,10 @@ def main() -> int:
     options = _options()
     for name in ("pwralign_kin", "yourdfpy", "trimesh"):  # what these robots need mended is known
         logging.getLogger(name).setLevel(logging.ERROR)
-    settings = Settings(
-        REPOSITORY / "robots", options.robots, options.tiers, options.configurations, options.threads
-    )
-    command = shlex.join(["python", "scripts/benchmark.py", *sys.argv[1:]])
+    settings = Settings(REPOSITORY / "robots", options.robots, options.tiers, options.configurations, options.threads)
+    # Where the single results go is of no interest to those who read the tables.
+    words = [word for word in sys.argv[1:] if word != str(options.json) and not word.startswith("--json")]
+    command = shlex.join(["python", "scripts/benchmark.py", *words])
     report = {}
     try:
         for name in options.table:
@@ -54,7 +54,7 @@ def main() -> int:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Measure how well and how fast estimates are.")
+    parser = argparse.ArgumentParser(description="Measure how well and how fast estimates are.", allow_abbrev=False)
     parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES), help="by default all")
     parser.add_argument("--robots", type=_names(ROBOTS), metavar="A,B", help=f"of {', '.join(ROBOTS)}")
     parser.add_argument("--tiers", type=_names(SENSORS), metavar="A,B", help=f"of {', '.join(SENSORS)}")

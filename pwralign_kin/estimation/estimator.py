@@ -20,7 +20,7 @@ from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
-from pwralign_kin.exceptions import CorrespondenceError, UnknownNameError
+from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, inverse
@@ -88,10 +88,15 @@ class Estimator:
         options: EstimatorOptions,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        """Check the option's joint names against the model. Raises `UnknownNameError`."""
+        """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
         for name in (*options.locked, *options.prior):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
+        for name, value in options.prior.items():
+            joint = model.joint_names.index(name)
+            lower, upper = model.lower[joint], model.upper[joint]
+            if not model.continuous[joint] and not lower <= value <= upper:
+                raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
         self.model = model
         self.options = options
         self.progress = progress
@@ -102,7 +107,7 @@ class Estimator:
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
         watch = Stopwatch(self.progress)
-        prior = self.model.values({**self.options.prior, **(initial.joints if initial else {})}) / self.unit
+        prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
             observation = observe(scan, self.model.diagonal, self.options.observation, self.threads)
@@ -120,6 +125,14 @@ class Estimator:
             solution, judged = self._judge(search, solver, solution, prior)
         return self._report(scan, search, finished, solution, judged, watch)
 
+    def _prior(self, initial: State | None) -> Array:
+        """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
+        model = self.model
+        values = model.values({**self.options.prior, **(initial.joints if initial else {})})
+        span = np.where(model.continuous, model.upper - model.lower, 1.0)
+        turned = model.lower + np.mod(values - model.lower, span)
+        return np.where(model.continuous, turned, np.clip(values, model.lower, model.upper)) / self.unit
+
     def _bounds(self, prior: Array) -> tuple[Array, Array]:
         """Return the joint limits in search units; a locked joint's limits are its prior value."""
         locked = np.isin(self.model.joint_names, self.options.locked)
@@ -130,8 +143,7 @@ class Estimator:
         native = self.model.kernel_model
         if self.options.locked:
             native = native.restricted(lower, upper)
-        neutral = np.clip(prior, lower, upper)
-        return TreeSearch(native, self.model.surfaces, observation, neutral, self.options.search, self.threads)
+        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads)
 
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.exceptions import ScanError
-from pwralign_kin.scan import Scan
+from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
@@ -144,7 +144,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
 
 
 def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
-    """Raise `ScanError` for a scan far smaller or far larger than the model."""
+    """Raise `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres)."""
     occupied = len(kernels.voxel_means(raw, options.voxel)[0]) if np.ptp(raw, axis=0).max() < MOST_EXTENT else 0
     if 0 < occupied < LEAST_POINTS:
         raise ScanError(
@@ -154,6 +154,7 @@ def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOp
         )
     cells = np.prod(np.ptp(raw, axis=0) / options.field_cell + 10)
     if occupied == 0 or cells > MOST_CELLS:
+        check_units(scan, diagonal)
         raise ScanError(
             scan.source,
             f"it spans {np.ptp(raw, axis=0).max():.3g} times the model, which is {diagonal:.3g} m across: "

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pwralign_kin.dependencies import pinocchio
 from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model.part_graph import MovingJoint
 from pwralign_kin.se3 import Array
@@ -27,10 +28,9 @@ class Kinematics:
 
     def __init__(self, xml: str, path: Path, joints: Sequence[MovingJoint | None], actuated: int) -> None:
         """Build Pinocchio's model from the normalised URDF; raises `ModelError` where it refuses."""
-        import pinocchio
-
+        library = pinocchio()
         try:
-            self.model: Any = pinocchio.buildModelFromXML(xml)
+            self.model: Any = library.buildModelFromXML(xml)
         except Exception as error:  # Boost.Python maps any C++ exception to any Python one
             raise ModelError(path, f"Pinocchio does not read it: {' '.join(str(error).split())}") from None
         self._xml, self._path, self._joints, self._count = xml, path, tuple(joints), actuated
@@ -68,23 +68,19 @@ class Kinematics:
 
     def placements(self, values: Array) -> Array:
         """Return (n_parts, 4, 4) placements of the parts in the root link's frame."""
-        import pinocchio
-
         data = self._data()
-        pinocchio.forwardKinematics(self.model, data, self.configuration(values))
+        pinocchio().forwardKinematics(self.model, data, self.configuration(values))
         return np.array([data.oMi[int(index)].homogeneous for index in self.ids])
 
     def jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""
-        import pinocchio
-
-        data = self._data()
-        pinocchio.computeJointJacobians(self.model, data, self.configuration(values))
-        frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        library, data = pinocchio(), self._data()
+        library.computeJointJacobians(self.model, data, self.configuration(values))
+        frame = library.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J = np.zeros((len(self.ids), 6, self.model.nv))
         for part, index in enumerate(self.ids[1:], start=1):
             # With a single velocity Pinocchio returns a vector.
-            J[part] = pinocchio.getJointJacobian(self.model, data, int(index), frame).reshape(6, -1)
+            J[part] = library.getJointJacobian(self.model, data, int(index), frame).reshape(6, -1)
         return np.roll(J, 3, axis=1) @ self._dv_du  # Pinocchio puts the linear rows first
 
     def _data(self) -> Any:

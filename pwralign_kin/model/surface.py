@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.dependencies import open3d
+from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model.cache import load_or_build
 
 if TYPE_CHECKING:
@@ -79,14 +80,20 @@ ARRAYS = tuple(Surface.__dataclass_fields__)
 
 
 def prepare_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
-    """Return the surface of every part, from the user's cache when the same model was prepared before."""
+    """Return the surface of every part, from the user's cache when the same model was prepared before.
+
+    Raises `ModelError` when nothing of the model can be seen from outside.
+    """
 
     def build() -> dict[str, NDArray[Any]]:
         surfaces = build_surfaces(model)
         return {f"{i}/{name}": getattr(s, name) for i, s in enumerate(surfaces) for name in ARRAYS}
 
     arrays = load_or_build(f"surface-{VERSION}-{model.content_key}", build)
-    return tuple(Surface(**{name: arrays[f"{i}/{name}"] for name in ARRAYS}) for i in range(len(model.parts)))
+    surfaces = tuple(Surface(**{name: arrays[f"{i}/{name}"] for name in ARRAYS}) for i in range(len(model.parts)))
+    if not any(surface.exists for surface in surfaces):
+        raise ModelError(model.urdf_path, "no part has any surface that can be seen from outside")
+    return surfaces
 
 
 def part_weights(surfaces: Sequence[Surface]) -> Float:

@@ -135,11 +135,7 @@ def build() -> Robot:
     for name, block in table.items():
         centre = -anchors[name]
         meshes = {"beech" if name in ("chest", "head", "pelvis") else "maple": shape(name).at(*centre)}
-        cords = [
-            _cord(other, table, anchors, centre)
-            for other, candidate in table.items()
-            if candidate.parent == name
-        ]
+        cords = [_cord(other, table, anchors, centre) for other, candidate in table.items() if candidate.parent == name]
         if cords:
             meshes["elastic"] = join(cords)
         scaled = {material: mesh.scaled(UNIT) for material, mesh in meshes.items()}
@@ -185,9 +181,7 @@ def _elastic_joint(name: str, block: Block, anchors: dict[str, np.ndarray]) -> l
     return [twist, fold]
 
 
-def _cord(
-    name: str, table: dict[str, Block], anchors: dict[str, np.ndarray], parent_centre: np.ndarray
-) -> Mesh:
+def _cord(name: str, table: dict[str, Block], anchors: dict[str, np.ndarray], parent_centre: np.ndarray) -> Mesh:
     """Return the elastic from a parent's face to the joint of block `name`, in the parent's link frame."""
     block = table[name]
     assert block.parent is not None

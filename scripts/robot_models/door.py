@@ -109,9 +109,7 @@ def _leaf(face: float, spindle: tuple[float, float, float]) -> dict[str, Mesh]:
         for y0, y1 in ((-half + stile, -muntin), (muntin, half - stile)):
             wood.append(span((back + 0.014, y0, z0), (face - 0.014, y1, z1)))
             # Only the front has raised fields; the back shows flat panels.
-            wood.append(
-                span((face - 0.015, y0 + 0.045, z0 + 0.045), (face - 0.006, y1 - 0.045, z1 - 0.045), 0.003)
-            )
+            wood.append(span((face - 0.015, y0 + 0.045, z0 + 0.045), (face - 0.006, y1 - 0.045, z1 - 0.045), 0.003))
     hinge_axis = (face + HINGE_OFFSET, -half - LEAF_GAP / 2.0)
     metal = [cylinder(0.0058, 0.034, 12).at(*hinge_axis, z) for z in _hinge_heights()]
     _, y, z = spindle
@@ -121,9 +119,7 @@ def _leaf(face: float, spindle: tuple[float, float, float]) -> dict[str, Mesh]:
         cylinder(0.014, 0.016, 14).turned("y", math.pi / 2.0).at(face + 0.014, y, z - 0.085),
         span((back - 0.002, -half + 0.03, low + 0.01), (back, half - 0.03, low + 0.19)),
         span((back - 0.008, -0.13, 1.155), (face + 0.010, 0.13, 1.215), 0.003),
-        cylinder(0.013, LEAF_THICKNESS + 0.012, 14)
-        .turned("y", math.pi / 2.0)
-        .at((face + back) / 2.0, 0.0, 1.52),
+        cylinder(0.013, LEAF_THICKNESS + 0.012, 14).turned("y", math.pi / 2.0).at((face + back) / 2.0, 0.0, 1.52),
     ]
     return {"oak": join(wood), "steel": join(metal)}
 

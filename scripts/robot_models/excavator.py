@@ -121,9 +121,7 @@ def _undercarriage() -> dict[str, Mesh]:
     radius, straight = TRACK_HEIGHT / 2.0, TRACK_LENGTH - TRACK_HEIGHT
     for side in (-1.0, 1.0):
         y = side * TRACK_GAUGE / 2.0
-        dark.append(
-            prism(_stadium(TRACK_LENGTH, TRACK_HEIGHT - 0.03), TRACK_WIDTH, along="y").at(0.0, y, radius)
-        )
+        dark.append(prism(_stadium(TRACK_LENGTH, TRACK_HEIGHT - 0.03), TRACK_WIDTH, along="y").at(0.0, y, radius))
         bar = box((0.035, TRACK_WIDTH, 0.03))
         for k in range(9):
             x = -straight / 2.0 + straight * k / 8.0
@@ -216,9 +214,7 @@ def _house() -> dict[str, Mesh]:
         cylinder(0.26, 0.05, 24).at(0.0, 0.0, 0.02),
         # Seat, console and pillars of the canopy.
         span((-0.12, 0.10, 0.13), (0.20, 0.42, 0.34), 0.02),
-        prism([(-0.16, 0.34), (-0.07, 0.34), (-0.12, 0.82), (-0.20, 0.82)], 0.34, 0.02, along="y").at(
-            0.0, 0.26, 0.0
-        ),
+        prism([(-0.16, 0.34), (-0.07, 0.34), (-0.12, 0.82), (-0.20, 0.82)], 0.34, 0.02, along="y").at(0.0, 0.26, 0.0),
         span((0.10, 0.02, 0.34), (0.22, 0.09, 0.46)),
         rod((0.19, 0.055, 0.45), (0.22, 0.055, 0.60), 0.014),
         rod((0.36, 0.20, 0.13), (0.34, 0.20, 0.55), 0.014),
@@ -260,8 +256,7 @@ def _boom() -> dict[str, Mesh]:
         for y in (-0.05, 0.05)
     ]
     pipes = [
-        tube([(0.06, y, 0.10), (0.66, y, 0.40), (0.86, y, 0.40), (1.60, y, 0.08)], 0.014, 8)
-        for y in (0.09, 0.125)
+        tube([(0.06, y, 0.10), (0.66, y, 0.40), (0.86, y, 0.40), (1.60, y, 0.08)], 0.014, 8) for y in (0.09, 0.125)
     ]
     lamp = [
         box((0.06, 0.07, 0.08), (0.62, -0.115, 0.33), 0.008),
@@ -329,13 +324,11 @@ def _bucket() -> dict[str, Mesh]:
     ]
     width = 0.42
     shell = prism(outer + inner, width, along="y")
-    cheeks = [
-        prism(outer, 0.014, along="y").at(0.0, y, 0.0) for y in (-width / 2.0 + 0.007, width / 2.0 - 0.007)
-    ]
+    cheeks = [prism(outer, 0.014, along="y").at(0.0, y, 0.0) for y in (-width / 2.0 + 0.007, width / 2.0 - 0.007)]
     ears = [
-        prism(
-            [(-0.045, -0.03), (0.08, -0.10), (0.08, 0.20), (-0.035, 0.205), (-0.045, 0.15)], 0.022, along="y"
-        ).at(0.0, y, 0.0)
+        prism([(-0.045, -0.03), (0.08, -0.10), (0.08, 0.20), (-0.035, 0.205), (-0.045, 0.15)], 0.022, along="y").at(
+            0.0, y, 0.0
+        )
         for y in (-0.072, 0.072)
     ]
     tooth = prism([(0.535, -0.29), (0.545, -0.29), (0.525, -0.16), (0.495, -0.16)], 0.045, along="y")
@@ -346,10 +339,7 @@ def _bucket() -> dict[str, Mesh]:
 
 def _rocker() -> Mesh:
     """Return the rocker in the frame of its pin on the stick: two plates and the pin that holds the link."""
-    plates = [
-        box((0.07, 0.016, ROCKER_LENGTH + 0.07), (0.0, y, ROCKER_LENGTH / 2.0), 0.004)
-        for y in (-0.068, 0.068)
-    ]
+    plates = [box((0.07, 0.016, ROCKER_LENGTH + 0.07), (0.0, y, ROCKER_LENGTH / 2.0), 0.004) for y in (-0.068, 0.068)]
     pins = [
         rod((0.0, -0.085, 0.0), (0.0, 0.085, 0.0), 0.022, 12),
         rod((0.0, -0.12, ROCKER_LENGTH), (0.0, 0.12, ROCKER_LENGTH), 0.022, 12),
@@ -359,9 +349,6 @@ def _rocker() -> Mesh:
 
 def _bucket_link() -> Mesh:
     """Return the link from rocker to bucket in the frame of its rocker end, reaching along x."""
-    bars = [
-        box((ROCKER_SETBACK + 0.07, 0.018, 0.06), (ROCKER_SETBACK / 2.0, y, 0.0), 0.004)
-        for y in (-0.108, 0.108)
-    ]
+    bars = [box((ROCKER_SETBACK + 0.07, 0.018, 0.06), (ROCKER_SETBACK / 2.0, y, 0.0), 0.004) for y in (-0.108, 0.108)]
     brace = box((0.05, 0.20, 0.03), (ROCKER_SETBACK / 2.0, 0.0, 0.012))
     return join([*bars, brace])

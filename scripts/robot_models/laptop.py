@@ -55,16 +55,12 @@ def _base() -> dict[str, Mesh]:
         span((-half_x + 0.015, -half_y + 0.03, 0.0), (-half_x + 0.027, half_y - 0.03, 0.0026)),
         *(span((-0.06 + 0.011 * k, -0.11, 0.0012), (-0.055 + 0.011 * k, 0.01, 0.0026)) for k in range(6)),
         *(
-            span(
-                (HINGE[0] - 0.007, y - 0.006, DECK - 0.0005), (HINGE[0] + 0.006, y + 0.006, HINGE[1] + 0.003)
-            )
+            span((HINGE[0] - 0.007, y - 0.006, DECK - 0.0005), (HINGE[0] + 0.006, y + 0.006, HINGE[1] + 0.003))
             for y in (-0.122, 0.122)
         ),
         span((-0.082, half_y - 0.014, DECK - 0.0005), (0.006, half_y - 0.005, DECK + 0.0010)),
     ]
-    glass = [
-        span((pad_x[0] + 0.001, pad_y[0] + 0.001, floor), (pad_x[1] - 0.001, pad_y[1] - 0.001, DECK - 0.0012))
-    ]
+    glass = [span((pad_x[0] + 0.001, pad_y[0] + 0.001, floor), (pad_x[1] - 0.001, pad_y[1] - 0.001, DECK - 0.0012))]
     return {"aluminium": join(metal), "black": join(black), "glass": join(glass)}
 
 

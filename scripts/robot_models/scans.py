@@ -108,9 +108,7 @@ def write_scans(folder: Path) -> None:
         files.write_text(folder / "scans" / f"{tier}_truth.json", json.dumps(truth, indent=2) + "\n")
 
 
-def draw_state(
-    model: ArticulatedModel, scene: Scene, seed: int, collides: Callable[[dict[str, float]], bool]
-) -> State:
+def draw_state(model: ArticulatedModel, scene: Scene, seed: int, collides: Callable[[dict[str, float]], bool]) -> State:
     """Draw joints until no two parts meet and nothing is under the ground, then a base placement."""
     rng = np.random.default_rng([seed, *model.name.encode()])
     for _ in range(_MAX_DRAWS):
@@ -179,9 +177,7 @@ def collision_check(model: ArticulatedModel) -> Callable[[dict[str, float]], boo
         return parent if parent < 0 or parent in bodies else solid_parent(parent)
 
     def meeting(joints: dict[str, float], pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        placements = [
-            coal.Transform3s(T[:3, :3], T[:3, 3]) for T in model.part_placements(model.values(joints))
-        ]
+        placements = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in model.part_placements(model.values(joints))]
         found = []
         for first, second in pairs:
             result = coal.CollisionResult()

@@ -168,9 +168,7 @@ def tube(path: ArrayLike, radius: float, segments: int = 10) -> Mesh:
     faces = [_band(k * segments, (k + 1) * segments, segments) for k in range(n - 1)]
     start, end = n * segments, n * segments + 1
     faces.append(np.column_stack([np.full(segments, start), following, around]))
-    faces.append(
-        np.column_stack([np.full(segments, end), (n - 1) * segments + around, (n - 1) * segments + following])
-    )
+    faces.append(np.column_stack([np.full(segments, end), (n - 1) * segments + around, (n - 1) * segments + following]))
     return Mesh(np.vstack([*rings, points[:1], points[-1:]]), np.vstack(faces))
 
 
@@ -195,14 +193,10 @@ def write_stl(mesh: Mesh, path: Path) -> None:
     corners = (np.round(mesh.vertices, 7) + 0.0)[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    record = np.zeros(
-        len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
+    record = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     record["normal"] = np.round(normals, 5) + 0.0
     record["corners"] = corners
-    path.write_bytes(
-        b"pwralign_kin sample model".ljust(80) + struct.pack("<I", len(record)) + record.tobytes()
-    )
+    path.write_bytes(b"pwralign_kin sample model".ljust(80) + struct.pack("<I", len(record)) + record.tobytes())
 
 
 def _band(lower: int, upper: int, n: int) -> NDArray[np.int64]:

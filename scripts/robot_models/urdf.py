@@ -113,14 +113,10 @@ def _joint_lines(joint: Joint) -> list[str]:
     if joint.kind != "fixed":
         lines.append(f'    <axis xyz="{_numbers(joint.axis)}"/>')
         bounds = "" if joint.limits is None else f'lower="{joint.limits[0]!r}" upper="{joint.limits[1]!r}" '
-        lines.append(
-            f'    <limit {bounds}effort="{_number(joint.effort)}" velocity="{_number(joint.velocity)}"/>'
-        )
+        lines.append(f'    <limit {bounds}effort="{_number(joint.effort)}" velocity="{_number(joint.velocity)}"/>')
     if joint.mimic is not None:
         name, multiplier, offset = joint.mimic
-        lines.append(
-            f'    <mimic joint="{name}" multiplier="{_number(multiplier)}" offset="{_number(offset)}"/>'
-        )
+        lines.append(f'    <mimic joint="{name}" multiplier="{_number(multiplier)}" offset="{_number(offset)}"/>')
     return [*lines, "  </joint>"]
 
 

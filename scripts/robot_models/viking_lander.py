@@ -97,9 +97,7 @@ def _body() -> dict[str, Mesh]:
         engine = [
             lathe([(0, 0.10), (0.10, 0.10), (0.10, 0.14), (0.06, 0.22), (0.06, 0.34), (0, 0.34)], 18),
             *(
-                cylinder(0.014, 0.06, 8, 0.010)
-                .turned("x", math.pi)
-                .at(0.075 * math.cos(a), 0.075 * math.sin(a), 0.08)
+                cylinder(0.014, 0.06, 8, 0.010).turned("x", math.pi).at(0.075 * math.cos(a), 0.075 * math.sin(a), 0.08)
                 for a in 2.0 * math.pi * np.arange(9) / 9.0
             ),
         ]
@@ -143,9 +141,7 @@ def _body() -> dict[str, Mesh]:
 
     # Deck: two cylindrical cameras 0.8 m apart near the front, their windows 1.3 m above the ground.
     for y, window_turn in ((CAMERA_SPACING / 2.0, 0.0), (-CAMERA_SPACING / 2.0, -0.5)):
-        camera = lathe(
-            [(0, 0), (0.085, 0), (0.085, 0.20), (0.062, 0.23), (0.062, 0.47), (0.045, 0.52), (0, 0.52)], 18
-        )
+        camera = lathe([(0, 0), (0.085, 0), (0.085, 0.20), (0.062, 0.23), (0.062, 0.47), (0.045, 0.52), (0, 0.52)], 18)
         white.append(camera.at(CAMERA_X, y, DECK))
         slit = box((0.03, 0.035, 0.12), (0.055, 0.0, CAMERA_EYE - DECK)).turned("z", window_turn)
         dark.append(slit.at(CAMERA_X, y, DECK))
@@ -153,9 +149,7 @@ def _body() -> dict[str, Mesh]:
     # Deck: sample inlets between the cameras, with the biology box on the right and the funnel on the left.
     orange.append(box((0.22, 0.20, 0.17), (0.24, -0.19, DECK + 0.08), 0.01))
     grey.append(
-        lathe([(0, 0), (0.035, 0), (0.035, 0.10), (0.075, 0.17), (0.065, 0.17), (0, 0.09)], 16).at(
-            0.30, 0.16, DECK
-        )
+        lathe([(0, 0), (0.035, 0), (0.035, 0.10), (0.075, 0.17), (0.065, 0.17), (0, 0.09)], 16).at(0.30, 0.16, DECK)
     )
     grey.append(cylinder(0.05, 0.10, 14).at(0.24, -0.19, DECK + 0.21))
     white.append(box((0.14, 0.16, 0.09), (0.12, 0.06, DECK + 0.04), 0.01))
@@ -174,9 +168,7 @@ def _body() -> dict[str, Mesh]:
         box((0.02, 0.26, 0.02), (0.10, 0.66, DECK + 0.25)),
     ]
     grey.append(rod((0.16, -0.66, DECK - 0.01), (0.16, -0.66, DECK + 0.42), 0.016))
-    white.append(
-        lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42)
-    )
+    white.append(lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42))
 
     # Mast of the high-gain dish near the rear edge, with its brace.
     x, y = MAST
@@ -187,9 +179,7 @@ def _body() -> dict[str, Mesh]:
     # Foot of the sampler and bracket of the meteorology boom.
     grey.append(cylinder(0.08, 0.05, 18).at(*SHOULDER, DECK + 0.015))
     grey.append(
-        _on_side(
-            box((0.12, 0.07, 0.05), bevel=0.006), math.pi / 3.0, SHORT_INRADIUS + 0.03, 0.16, DECK - 0.045
-        )
+        _on_side(box((0.12, 0.07, 0.05), bevel=0.006), math.pi / 3.0, SHORT_INRADIUS + 0.03, 0.16, DECK - 0.045)
     )
     return {
         "white": join(white),
@@ -241,10 +231,7 @@ def _dish() -> tuple[list[Link], list[Joint]]:
     back = [(r, z - 0.012) for r, z in zip(radii, curve, strict=True)]
     front = [(r, z) for r, z in zip(radii[::-1], curve[::-1], strict=True)]
     reflector = lathe(back + front, 36).turned("y", math.pi / 2.0).at(0.10, 0.0, 0.0)
-    rim = [
-        (0.10 + depth, DISH_RADIUS * 0.98 * math.cos(a), DISH_RADIUS * 0.98 * math.sin(a))
-        for a in (0.5, 2.6, 4.7)
-    ]
+    rim = [(0.10 + depth, DISH_RADIUS * 0.98 * math.cos(a), DISH_RADIUS * 0.98 * math.sin(a)) for a in (0.5, 2.6, 4.7)]
     feed = (0.10 + DISH_FOCUS, 0.0, 0.0)
     feed_mount = [rod(np.array(point) - (0.01, 0.0, 0.0), feed, 0.009, 8) for point in rim]
     hub = [
@@ -348,9 +335,7 @@ def _sampler() -> tuple[list[Link], list[Joint]]:
         box((0.08, 0.04, 0.06), (0.06, -0.058, 0.01), 0.004),
     ]
     links.append(Link("collector_head", {"orange": join(head)}))
-    joints.append(
-        Joint("collector_head_mount", "fixed", "sampler_boom", "collector_head", (SECTION_LENGTH, 0.0, 0.0))
-    )
+    joints.append(Joint("collector_head_mount", "fixed", "sampler_boom", "collector_head", (SECTION_LENGTH, 0.0, 0.0)))
     return links, joints
 
 

@@ -24,9 +24,7 @@ def test_errors_survive_the_reading(ruler: Ruler, reference: Reference, truth: S
     assert said.joints["lift"] - truth.joints["lift"] == pytest.approx(0.01, abs=1e-5)
 
 
-def test_a_turn_about_the_own_axis_is_no_error(
-    ruler: Ruler, reference: Reference, truth: State
-) -> None:
+def test_a_turn_about_the_own_axis_is_no_error(ruler: Ruler, reference: Reference, truth: State) -> None:
     """The roller is a prism of many sides: it comes to rest within half a side."""
     turned = State(truth.T_scan_base, {**truth.joints, "spin": 2.0})
     said = in_words_of_truth(ruler, reference, turned)

@@ -10,7 +10,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences
-from pwralign_kin.exceptions import CorrespondenceError, ScanError, UnknownNameError
+from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.simulation import SimulatedScan
 
 
@@ -80,7 +80,8 @@ def test_the_same_seed_gives_the_same_bits_at_any_thread_count(
     arm: pk.ArticulatedModel, single_scan: SimulatedScan
 ) -> None:
     results = [
-        pk.estimate(arm, single_scan.scan, options=pk.EstimatorOptions(seed=5, threads=threads)) for threads in (1, 2, 2)
+        pk.estimate(arm, single_scan.scan, options=pk.EstimatorOptions(seed=5, threads=threads))
+        for threads in (1, 2, 2)
     ]
     for other in results[1:]:
         assert other.state.T_scan_base.tobytes() == results[0].state.T_scan_base.tobytes()
@@ -194,6 +195,16 @@ def test_a_scan_of_nothing_at_the_models_scale_is_refused(arm: pk.ArticulatedMod
     tiny = 1e-6 * np.random.default_rng(0).random((500, 3))
     with pytest.raises(ScanError, match="scale"):
         pk.estimate(arm, pk.Scan(tiny))
+
+
+def test_a_scan_in_millimetres_is_named_as_such(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(UnitError, match="--units mm"):
+        pk.estimate(arm, pk.Scan(1e3 * full_scan.scan.points))
+
+
+def test_a_prior_beyond_the_limits_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(StateError, match="limits"):
+        pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(prior={"elbow": 9.0}))
 
 
 def test_no_source_of_hypotheses_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:

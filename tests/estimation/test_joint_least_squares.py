@@ -39,7 +39,9 @@ def test_kernel_kinematics_agree_with_pinocchio(arm: pk.ArticulatedModel, search
     rng = np.random.default_rng(0)
     for _ in range(20):
         values = rng.uniform(arm.lower, arm.upper)
-        placed = search.part_placements(Candidates(np.eye(4)[None], (values / units(arm))[None], np.zeros(1, np.float32)))
+        placed = search.part_placements(
+            Candidates(np.eye(4)[None], (values / units(arm))[None], np.zeros(1, np.float32))
+        )
         expected = arm.part_placements(values)
         expected[:, :3, 3] /= arm.diagonal
         np.testing.assert_allclose(placed[0], expected, atol=1e-12)
@@ -92,9 +94,7 @@ def test_converges_to_the_truth_from_nearby(
     np.testing.assert_allclose(result.base[:3, 3], base[:3, 3], atol=0.003)
 
 
-def test_steps_respect_bounds_that_bind(
-    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
-) -> None:
+def test_steps_respect_bounds_that_bind(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:
     base, values = truth(arm, search, full_scan)
     unit = units(arm)
     upper = arm.upper / unit
@@ -107,9 +107,7 @@ def test_steps_respect_bounds_that_bind(
     assert result.values[1] == pytest.approx(upper[1], abs=1e-6)
 
 
-def test_a_locked_joint_does_not_move(
-    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
-) -> None:
+def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:
     base, values = truth(arm, search, full_scan)
     start = values + np.array([0.03, 0.0, 0.0])
     locked = solver(arm, search).with_locked(np.array([True, False, False]), start)

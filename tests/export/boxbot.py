@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from pwralign_kin import se3
 from pwralign_kin.estimation.result import Estimate, PartEstimate
-from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.model import ArticulatedModel, articulated_model
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan
 from pwralign_kin.state import State
@@ -88,9 +91,7 @@ def placement(seed: int) -> se3.Array:
     return se3.from_quaternion(rng.normal(size=3), rng.normal(size=4))
 
 
-def scan_of(
-    model: ArticulatedModel, state: State, count: int = 400, noise: float = 1e-3
-) -> tuple[Scan, np.ndarray]:
+def scan_of(model: ArticulatedModel, state: State, count: int = 400, noise: float = 1e-3) -> tuple[Scan, np.ndarray]:
     """Points on the surface of every part, some without a part, one of them twice; with labels as given."""
     mesh = posed_mesh(model, state)
     rng = np.random.default_rng(5)
@@ -116,9 +117,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         scan_coverage=0.99,
         model_support=0.8,
         parts={
-            part.name: PartEstimate(
-                T, 1e-3 if count else np.nan, int(count), 0.8 if len(part.faces) else np.nan
-            )
+            part.name: PartEstimate(T, 1e-3 if count else np.nan, int(count), 0.8 if len(part.faces) else np.nan)
             for part, T, count in zip(model.parts, placements, counts, strict=True)
         },
         scan_labels=labels,
@@ -132,3 +131,11 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         options={"seed": 0},
         units=model.units,
     )
+
+
+def read_quickly(path: Path) -> ArticulatedModel:
+    """Read a model without its sampled surfaces, which export does not need and which take long to make."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
+        patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+        return ArticulatedModel.from_urdf(path)

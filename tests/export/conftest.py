@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from boxbot import BOT, BOT_JOINTS, STL, placement
+from boxbot import BOT, BOT_JOINTS, STL, placement, read_quickly
 
-from pwralign_kin.model import ArticulatedModel, articulated_model
+from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.state import State
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _quick_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Read models without their sampled surfaces, which export does not need and which take long to make."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PWRALIGN_CACHE_DIR", str(tmp_path_factory.getbasetemp() / "cache"))
-        patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
-        patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
-        yield
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +24,7 @@ def bot_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def bot(bot_path: Path) -> ArticulatedModel:
-    return ArticulatedModel.from_urdf(bot_path)
+    return read_quickly(bot_path)
 
 
 @pytest.fixture(scope="session")
@@ -50,7 +40,7 @@ def read(tmp_path: Path) -> Callable[[str], ArticulatedModel]:
         path = tmp_path / "source" / "robot.urdf"
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
-        return ArticulatedModel.from_urdf(path)
+        return read_quickly(path)
 
     return read
 

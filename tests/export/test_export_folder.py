@@ -77,17 +77,13 @@ def test_estimate_is_strict_json_with_the_summary(folder: Path) -> None:
 
 def test_joint_state_is_a_ros_message_with_mimicking_joints(folder: Path) -> None:
     message = yaml.safe_load((folder / "joint_state.yaml").read_text())
-    assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(
-        BOT_VALUES, abs=1e-15
-    )
+    assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(BOT_VALUES, abs=1e-15)
     assert message["velocity"] == message["effort"] == []
     assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
 
 
 def test_initial_positions_name_the_actuated_joints(folder: Path) -> None:
-    assert yaml.safe_load((folder / "initial_positions.yaml").read_text()) == {
-        "initial_positions": BOT_JOINTS
-    }
+    assert yaml.safe_load((folder / "initial_positions.yaml").read_text()) == {"initial_positions": BOT_JOINTS}
 
 
 def test_deviation_table_describes_the_points_of_each_part(
@@ -98,9 +94,7 @@ def test_deviation_table_describes_the_points_of_each_part(
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [part.name for part in bot.parts]
     kept = labels[scan.source_index]
-    assert [int(row["points"]) for row in rows] == [
-        np.count_nonzero(kept == index) for index in range(len(rows))
-    ]
+    assert [int(row["points"]) for row in rows] == [np.count_nonzero(kept == index) for index in range(len(rows))]
     for row in rows:
         if int(row["points"]):
             assert float(row["rms"]) < 2e-3  # the noise of the scan is 1 mm in each direction

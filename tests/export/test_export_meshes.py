@@ -27,9 +27,7 @@ def links(model: ArticulatedModel, state: State) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("up", UP_AXES)
-def test_every_link_is_a_node_at_its_place(
-    bot: ArticulatedModel, bot_state: State, tmp_path: Path, up: str
-) -> None:
+def test_every_link_is_a_node_at_its_place(bot: ArticulatedModel, bot_state: State, tmp_path: Path, up: str) -> None:
     write_glb(tmp_path / "model.glb", bot, bot_state, up)
     graph = trimesh.load_scene(tmp_path / "model.glb").graph
     turn, _ = graph.get("scan")
@@ -72,9 +70,7 @@ def test_nodes_tell_about_their_joints(bot: ArticulatedModel, bot_state: State, 
     assert thumb["mimic"] == {"joint": "finger", "multiplier": 2.0, "offset": 0.01}
 
 
-def test_surfaces_and_colours_are_those_of_the_model(
-    bot: ArticulatedModel, bot_state: State, tmp_path: Path
-) -> None:
+def test_surfaces_and_colours_are_those_of_the_model(bot: ArticulatedModel, bot_state: State, tmp_path: Path) -> None:
     write_glb(tmp_path / "model.glb", bot, bot_state, up="y")
     scene = trimesh.load_scene(tmp_path / "model.glb")
     mesh = posed_mesh(bot, bot_state)
@@ -82,9 +78,7 @@ def test_surfaces_and_colours_are_those_of_the_model(
     assert scene.to_mesh().area == pytest.approx(truth.area, rel=1e-5)
     assert scene.bounds == pytest.approx(truth.bounds, abs=1e-6)
     base = scene.geometry[scene.graph.get("base")[1]]
-    assert base.visual.material.baseColorFactor[:3] == pytest.approx(
-        255.0 * np.array([0.8, 0.4, 0.2]) ** 2.2, abs=3.0
-    )
+    assert base.visual.material.baseColorFactor[:3] == pytest.approx(255.0 * np.array([0.8, 0.4, 0.2]) ** 2.2, abs=3.0)
     # A box keeps its edges sharp: every corner has one normal per side.
     assert np.allclose(np.abs(base.vertex_normals).max(axis=1), 1.0)
     outward = np.einsum("ni,ni->n", base.vertices, base.vertex_normals)

@@ -38,9 +38,7 @@ def test_pinocchio_reads_the_group_state(
         assert q[joint.idx_q : joint.idx_q + joint.nq] == pytest.approx(expected, abs=1e-15)
 
 
-def test_the_group_holds_every_joint_of_its_state(
-    bot: ArticulatedModel, bot_state: State, tmp_path: Path
-) -> None:
+def test_the_group_holds_every_joint_of_its_state(bot: ArticulatedModel, bot_state: State, tmp_path: Path) -> None:
     write_srdf(tmp_path / "model.srdf", bot, joint_values(bot, bot_state))
     root = etree.parse(tmp_path / "model.srdf").getroot()
     group, state = root.find("group"), root.find("group_state")
@@ -56,9 +54,7 @@ def test_planar_and_floating_joints_have_moveits_variables(
     model = read(FREE)
     turn = {"roll": 0.3, "pitch": -0.4, "yaw": 1.1}
     joints = {"table.x": 0.1, "table.y": -0.2, "table.yaw": 0.9, "fly.x": 1.0, "fly.y": 2.0, "fly.z": 3.0}
-    values = joint_values(
-        model, State(joints={**joints, **{f"fly.{name}": angle for name, angle in turn.items()}})
-    )
+    values = joint_values(model, State(joints={**joints, **{f"fly.{name}": angle for name, angle in turn.items()}}))
     quaternion = Rotation.from_euler("xyz", list(turn.values())).as_quat(canonical=True)
     assert values.single == {}
     assert values.multiple["table"] == (0.1, -0.2, 0.9)

@@ -28,9 +28,7 @@ logging.getLogger("yourdfpy").setLevel(logging.ERROR)
 def second_opinion(model: ArticulatedModel, meshes: bool = False) -> yourdfpy.URDF:
     """yourdfpy's reading: of the original file with its meshes, or of the normalised text."""
     source = str(model.urdf_path) if meshes else io.BytesIO(model.normalised_urdf.encode())
-    share = next(
-        (folder for folder in model.urdf_path.parents if folder.name == "share"), model.urdf_path.parent
-    )
+    share = next((folder for folder in model.urdf_path.parents if folder.name == "share"), model.urdf_path.parent)
 
     def resolve(fname: str) -> str:
         name = fname.removeprefix("package://")
@@ -101,18 +99,14 @@ def check_geometry(model: ArticulatedModel, opinion: yourdfpy.URDF) -> None:
         while link not in model.T_part_link:
             link = opinion.scene.graph.transforms.parents[link]
         part = model.T_part_link[link][0]
-        mesh = trimesh.Trimesh(
-            opinion.scene.geometry[name].vertices, opinion.scene.geometry[name].faces, process=False
-        )
+        mesh = trimesh.Trimesh(opinion.scene.geometry[name].vertices, opinion.scene.geometry[name].faces, process=False)
         meshes.setdefault(part, []).append(mesh.apply_transform(se3.inverse(placements[part]) @ T))
     assert set(meshes) == {index for index, part in enumerate(model.parts) if len(part.faces)}
     for index, pieces in meshes.items():
         part, whole = model.parts[index], trimesh.util.concatenate(pieces)
         used = part.vertices[np.unique(part.faces)]
         assert np.array([used.min(axis=0), used.max(axis=0)]) == pytest.approx(whole.bounds, abs=1e-6)
-        assert trimesh.Trimesh(part.vertices, part.faces, process=False).area == pytest.approx(
-            whole.area, rel=1e-6
-        )
+        assert trimesh.Trimesh(part.vertices, part.faces, process=False).area == pytest.approx(whole.area, rel=1e-6)
 
 
 def test_limits_lie_within_the_urdfs(robot: Path) -> None:
@@ -137,9 +131,7 @@ def random_urdf(rng: np.random.Generator, size: int) -> str:
     text = [link(f"l{index}") for index in range(size)]
     followable: list[str] = []
     for index in range(1, size):
-        kind = str(
-            rng.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "planar", "floating"])
-        )
+        kind = str(rng.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "planar", "floating"]))
         xyz, rpy, axis = rng.normal(size=3), rng.uniform(-3, 3, size=3), rng.normal(size=3)
         if rng.random() < 0.4:
             axis = rng.choice([-1, 1]) * rng.permutation([1.0, 0.0, 0.0])

@@ -68,18 +68,14 @@ def test_primitives(read: Read, form: str, extent: tuple[float, ...], volume: fl
 
 
 def test_a_visual_origin_places_its_shape(read: Read) -> None:
-    part = read(
-        link("a", visual('<box size="2 4 6"/>', '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'))
-    ).parts[0]
-    assert part.vertices.min(axis=0) == pytest.approx([-1, 1, 0]) and part.vertices.max(
-        axis=0
-    ) == pytest.approx([3, 3, 6])
+    part = read(link("a", visual('<box size="2 4 6"/>', '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'))).parts[0]
+    assert part.vertices.min(axis=0) == pytest.approx([-1, 1, 0]) and part.vertices.max(axis=0) == pytest.approx(
+        [3, 3, 6]
+    )
     assert part.size == pytest.approx(math.sqrt(16 + 4 + 36))
 
 
-@pytest.mark.parametrize(
-    "form", ['<sphere radius="0"/>', '<box size="0 0 0"/>', '<cylinder radius="0.1" length="0"/>']
-)
+@pytest.mark.parametrize("form", ['<sphere radius="0"/>', '<box size="0 0 0"/>', '<cylinder radius="0.1" length="0"/>'])
 def test_shapes_without_extent_are_left_out(read: Read, form: str) -> None:
     model = read(link("a", BOX + visual(form)))
     assert len(model.parts[0].visuals) == 1 and "without extent" in model.warnings[0]
@@ -188,9 +184,7 @@ def test_degenerate_triangles_are_dropped_and_counted(read: Read, tmp_path: Path
         ("mesh.xyzzy", b"", "unknown format"),
     ],
 )
-def test_unreadable_meshes_are_named(
-    read: Read, tmp_path: Path, name: str, content: bytes, words: str
-) -> None:
+def test_unreadable_meshes_are_named(read: Read, tmp_path: Path, name: str, content: bytes, words: str) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ModelError, match=words) as caught:
         read(mesh_link(name))
@@ -206,9 +200,7 @@ def test_all_unreadable_meshes_at_once(read: Read, tmp_path: Path) -> None:
 
 
 def test_a_mesh_of_degenerate_triangles_only(read: Read, tmp_path: Path) -> None:
-    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False).export(
-        tmp_path / "line.ply"
-    )
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False).export(tmp_path / "line.ply")
     with pytest.raises(ModelError, match="no triangles"):
         read(mesh_link("line.ply"))
 
@@ -252,8 +244,7 @@ def test_urdf_materials(read: Read) -> None:
 def test_the_mesh_names_its_own_colors(read: Read, tmp_path: Path) -> None:
     (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
     (tmp_path / "two.obj").write_text(
-        "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
-        "usemtl red\nf 1 2 3\nusemtl blue\nf 1 2 4\nf 1 3 4\n"
+        "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl red\nf 1 2 3\nusemtl blue\nf 1 2 4\nf 1 3 4\n"
     )
     model = read(mesh_link("two.obj", after='<material name="g"><color rgba="0 1 0 1"/></material>'))
     colors = {tuple(np.round(piece.rgba, 2)): len(piece.faces) for piece in model.parts[0].visuals}
@@ -333,9 +324,7 @@ def test_a_relative_urdf_path(write_urdf: WriteUrdf, tmp_path: Path, monkeypatch
 def test_missing_meshes_are_all_named(read: Read, folder: Path) -> None:
     body = link(
         "a",
-        "".join(
-            visual(f'<mesh filename="{name}"/>') for name in ("wedge.stl", "gone.stl", "package://lost/x.dae")
-        ),
+        "".join(visual(f'<mesh filename="{name}"/>') for name in ("wedge.stl", "gone.stl", "package://lost/x.dae")),
     )
     with pytest.raises(MissingMeshError) as caught:
         read(body)
@@ -384,9 +373,7 @@ def test_textures_are_not_needed(read: Read, tmp_path: Path) -> None:
 # ---- the cache
 
 
-def test_the_second_reading_comes_from_the_cache(
-    read: Read, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_second_reading_comes_from_the_cache(read: Read, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = read(mesh_link("wedge.stl", 'scale="1 1 7"') + link("b") + joint("j", "a", "b"))
     monkeypatch.setattr(trimesh, "load_scene", lambda *args, **kwargs: pytest.fail("read again"))
     second = read(
@@ -395,10 +382,7 @@ def test_the_second_reading_comes_from_the_cache(
         + joint("j", "a", "b", content=LIMIT + "<axis xyz='0 1 0'/>")
     )
     assert np.array_equal(first.parts[0].vertices, second.parts[0].vertices)
-    assert (
-        np.array_equal(first.parts[0].faces, second.parts[0].faces)
-        and second.parts[0].faces.dtype == np.int64
-    )
+    assert np.array_equal(first.parts[0].faces, second.parts[0].faces) and second.parts[0].faces.dtype == np.int64
 
 
 def test_a_changed_mesh_is_read_anew(read: Read, folder: Path) -> None:

@@ -63,19 +63,16 @@ def test_joints_stand_in_the_parent_part(tree: ArticulatedModel) -> None:
 def test_a_part_holds_the_geometry_of_all_its_links(tree: ArticulatedModel) -> None:
     base, leg, arm, finger = tree.parts
     assert [piece.link for piece in base.visuals] == ["base", "plate"]
-    assert base.vertices.min(axis=0) == pytest.approx([-0.25] * 3) and base.vertices[
-        :, 0
-    ].max() == pytest.approx(1.05)
+    assert base.vertices.min(axis=0) == pytest.approx([-0.25] * 3) and base.vertices[:, 0].max() == pytest.approx(1.05)
     assert len(base.faces) == 24 and base.faces.max() == len(base.vertices) - 1
-    assert leg.size == pytest.approx(arm.size) == pytest.approx(
-        0.1 * np.sqrt(3)
-    ) and finger.size == pytest.approx(2 * np.sqrt(3))
+    assert leg.size == pytest.approx(arm.size) == pytest.approx(0.1 * np.sqrt(3)) and finger.size == pytest.approx(
+        2 * np.sqrt(3)
+    )
 
 
 def test_neighbours_both_ways(tree: ArticulatedModel) -> None:
     names = [
-        [(tree.parts[part].name, joint.name) for part, joint in tree.graph.neighbours(index)]
-        for index in range(4)
+        [(tree.parts[part].name, joint.name) for part, joint in tree.graph.neighbours(index)] for index in range(4)
     ]
     assert names == [
         [("leg", "hip"), ("arm", "shoulder")],
@@ -110,8 +107,7 @@ def test_beyond(tree: ArticulatedModel) -> None:
 def test_placements_follow_from_the_joints_alone(read: Read, rng: np.random.Generator) -> None:
     """The invariant that compiled kinematics relies on."""
     contents = [
-        f'{LIMIT}<origin xyz="{a} 0.1 0" rpy="{a} 0.2 0.3"/><axis xyz="{a} 1 2"/>'
-        for a in (0.1, 0.2, 0.3, 0.4)
+        f'{LIMIT}<origin xyz="{a} 0.1 0" rpy="{a} 0.2 0.3"/><axis xyz="{a} 1 2"/>' for a in (0.1, 0.2, 0.3, 0.4)
     ]
     contents[2] += '<mimic joint="j1" multiplier="-0.5" offset="0.1"/>'
     model = read(chain(*contents, kinds=("revolute", "prismatic", "revolute", "continuous")))
@@ -122,6 +118,4 @@ def test_placements_follow_from_the_joints_alone(read: Read, rng: np.random.Gene
         assert part.joint is not None
         value = part.joint.multiplier * values[part.joint.actuated] + part.joint.offset
         motion = joint_motion(part.joint.kind, part.joint.axis, value)
-        assert se3.inverse(placements[part.parent]) @ T == pytest.approx(
-            part.joint.T_parent_joint @ motion, abs=1e-12
-        )
+        assert se3.inverse(placements[part.parent]) @ T == pytest.approx(part.joint.T_parent_joint @ motion, abs=1e-12)

@@ -45,9 +45,7 @@ def test_warnings_are_logged(write_urdf: WriteUrdf, caplog: pytest.LogCaptureFix
     path = write_urdf(chain(LIMIT), head="<robot>")
     with caplog.at_level(logging.WARNING, "pwralign_kin"):
         ArticulatedModel.from_urdf(path)
-    assert [record.getMessage() for record in caplog.records] == [
-        f"{path}: the robot has no name: taken as 'bot'"
-    ]
+    assert [record.getMessage() for record in caplog.records] == [f"{path}: the robot has no name: taken as 'bot'"]
 
 
 @pytest.mark.parametrize("content", ["", '<limit effort="1" velocity="1"/>', LIMIT.replace("1", "0")])
@@ -162,9 +160,7 @@ def test_mimic_of_a_mimic_is_resolved(read: Read) -> None:
     )
     assert model.joint_names == ("j1",)
     relations = [
-        (part.joint.actuated, part.joint.multiplier, part.joint.offset)
-        for part in model.parts[1:]
-        if part.joint
+        (part.joint.actuated, part.joint.multiplier, part.joint.offset) for part in model.parts[1:] if part.joint
     ]
     assert relations == [(0, 1, 0), (0, 2, 0.1), (0, -6, pytest.approx(-0.1))]
 
@@ -224,17 +220,13 @@ def test_floating_joint(read: Read) -> None:
         ("1 1 1", None, None),
     ],
 )
-def test_planar_joint(
-    read: Read, axis: str, x: tuple[float, ...] | None, y: tuple[float, ...] | None
-) -> None:
+def test_planar_joint(read: Read, axis: str, x: tuple[float, ...] | None, y: tuple[float, ...] | None) -> None:
     model = read(chain(f'<axis xyz="{axis}"/>', kinds=("planar",)))
     assert model.joint_names == ("j1.x", "j1.y", "j1.yaw")
     normal = np.array(axis.split(), float) / np.linalg.norm(np.array(axis.split(), float))
 
     def moved(**values: float) -> np.ndarray:
-        return model.link_placements(model.values({f"j1.{name}": value for name, value in values.items()}))[
-            "l1"
-        ]
+        return model.link_placements(model.values({f"j1.{name}": value for name, value in values.items()}))["l1"]
 
     along_x, along_y = moved(x=1)[:3, 3], moved(y=1)[:3, 3]
     assert np.cross(along_x, along_y) == pytest.approx(normal)
@@ -252,11 +244,7 @@ def test_planar_without_axis_says_which_plane(read: Read) -> None:
 
 def test_a_free_base_is_told_unobservable(read: Read) -> None:
     model = read(
-        link("world", "")
-        + link("a")
-        + link("b")
-        + joint("free", "world", "a", "floating", "")
-        + joint("j", "a", "b")
+        link("world", "") + link("a") + link("b") + joint("free", "world", "a", "floating", "") + joint("j", "a", "b")
     )
     assert model.unobservable == tuple(f"free.{suffix}" for suffix in ("x", "y", "z", "roll", "pitch", "yaw"))
 
@@ -357,9 +345,7 @@ def test_not_a_urdf(tmp_path: Path) -> None:
 )
 def test_entities_and_dtds_are_refused(write_urdf: WriteUrdf, doctype: str) -> None:
     found = faults(
-        write_urdf(
-            link("a", BOX + "&secret;" if "ENTITY" in doctype else BOX), head=f'{doctype}<robot name="x">'
-        )
+        write_urdf(link("a", BOX + "&secret;" if "ENTITY" in doctype else BOX), head=f'{doctype}<robot name="x">')
     )
     assert "document type" in found[0]
 
@@ -387,9 +373,7 @@ def test_xacro(write_urdf: WriteUrdf) -> None:
     body = '<xacro:property name="reach" value="${1 + 0.5}"/>' + chain(
         '<limit lower="0" upper="${reach}" effort="1" velocity="1"/>'
     )
-    path = write_urdf(
-        body, "bot.urdf.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-    )
+    path = write_urdf(body, "bot.urdf.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">')
     model = ArticulatedModel.from_urdf(path)
     assert model.upper[0] == 1.5 and model.name == "bot"
     path.write_text(path.read_text().replace("1 + 0.5", "1 + nothing"))

@@ -40,11 +40,7 @@ def wood(cubebot, name):
     """Vertices of a block in toy units in the chest's frame."""
     return (
         np.vstack(
-            [
-                cubebot.vertices(name, material)
-                for material in ("beech", "maple")
-                if cubebot.meshes(name, material)
-            ]
+            [cubebot.vertices(name, material) for material in ("beech", "maple") if cubebot.meshes(name, material)]
         )
         / UNIT
     )
@@ -131,9 +127,7 @@ def test_blocks_do_not_cut_into_each_other_at_rest(cubebot):
     bounds = {name: (wood(cubebot, name).min(axis=0), wood(cubebot, name).max(axis=0)) for name in FACTS}
     for first, second in combinations(FACTS, 2):
         if second not in FEET or FACTS[second][0] != first:
-            overlap = np.minimum(bounds[first][1], bounds[second][1]) - np.maximum(
-                bounds[first][0], bounds[second][0]
-            )
+            overlap = np.minimum(bounds[first][1], bounds[second][1]) - np.maximum(bounds[first][0], bounds[second][0])
             assert overlap.min() < 1e-4, (first, second)
     for name in FEET:
         leg = centre(FACTS[name][0])
@@ -165,6 +159,4 @@ def test_left_and_right_are_mirror_images(cubebot):
         if name.startswith("left"):
             left, right = wood(cubebot, name), wood(cubebot, name.replace("left", "right"))
             mirrored = left * [1, -1, 1]
-            assert np.sort(mirrored.round(4), axis=0) == pytest.approx(
-                np.sort(right.round(4), axis=0), abs=2e-4
-            )
+            assert np.sort(mirrored.round(4), axis=0) == pytest.approx(np.sort(right.round(4), axis=0), abs=2e-4)

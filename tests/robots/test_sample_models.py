@@ -62,9 +62,7 @@ def test_meshes_are_closed_and_face_outwards(sample):
     for path in sorted((sample.path.parent / "meshes").iterdir()):
         record = np.frombuffer(path.read_bytes()[84:], dtype=STL_RECORD)
         corners = record["corners"].astype(float)
-        areas = (
-            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-        )
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
         assert areas.min() > 1e-9, path.name
         points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         faces = faces.reshape(-1, 3)

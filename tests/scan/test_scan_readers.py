@@ -27,23 +27,17 @@ def text_rows(points: np.ndarray, separator: str = " ") -> str:
 
 
 def ply_header(form: str, *lines: str) -> bytes:
-    return "\n".join(
-        ["ply", f"format {form} 1.0", "comment made by a test", *lines, "end_header", ""]
-    ).encode()
+    return "\n".join(["ply", f"format {form} 1.0", "comment made by a test", *lines, "end_header", ""]).encode()
 
 
 def ply_ascii(points: np.ndarray) -> bytes:
-    header = ply_header(
-        "ascii", f"element vertex {len(points)}", *(f"property float {name}" for name in "xyz")
-    )
+    header = ply_header("ascii", f"element vertex {len(points)}", *(f"property float {name}" for name in "xyz"))
     return header + text_rows(points).encode()
 
 
 def ply_binary(order: str) -> bytes:
     """Points with another element before them, an extra property between, and normals."""
-    record = np.dtype(
-        [(name, order + kind) for name, kind in zip(["x", "y", "red", "z"], "ffBf", strict=True)]
-    )
+    record = np.dtype([(name, order + kind) for name, kind in zip(["x", "y", "red", "z"], "ffBf", strict=True)])
     record = np.dtype([*record.descr, *((name, order + "f8") for name in ("nx", "ny", "nz"))])
     vertices = np.zeros(len(POINTS), dtype=record)
     for name, column in zip(("x", "y", "z", "nx", "ny", "nz"), np.hstack([POINTS, NORMALS]).T, strict=True):
@@ -92,10 +86,7 @@ def polygon_ply(form: str) -> bytes:
         f"element face {len(quads)}", "property list uchar int vertex_indices",
     )  # fmt: skip
     if form == "ascii":
-        return (
-            header
-            + (text_rows(corners) + "\n".join(" ".join(map(str, [len(q), *q])) for q in quads)).encode()
-        )
+        return header + (text_rows(corners) + "\n".join(" ".join(map(str, [len(q), *q])) for q in quads)).encode()
     order = "<" if "little" in form else ">"
     body = corners.astype(order + "f8").tobytes()
     return header + body + b"".join(struct.pack(f"{order}B{len(q)}i", len(q), *q) for q in quads)
@@ -161,11 +152,7 @@ def lzf(plain: bytes) -> bytes:
             position += 1
             continue
         length = 3
-        while (
-            length < 264
-            and position + length < len(plain)
-            and plain[found + length] == plain[position + length]
-        ):
+        while length < 264 and position + length < len(plain) and plain[found + length] == plain[position + length]:
             length += 1
         flush()
         distance = position - found - 1
@@ -331,8 +318,7 @@ FAULTS: dict[str, tuple[str, bytes, str]] = {
     ),
     "ply: huge list": (
         "scan.ply",
-        ply_header("binary_little_endian", "element face 1", "property list uint int vertex_indices")
-        + b"\xff" * 4,
+        ply_header("binary_little_endian", "element face 1", "property list uint int vertex_indices") + b"\xff" * 4,
         "impossible length",
     ),
     "ply: bad index": ("scan.ply", polygon_ply("ascii").replace(b"3 1 7 3", b"3 1 7 8"), r"outside 0\.\.7"),
@@ -504,20 +490,14 @@ def test_missing_files_and_folders_raise(tmp_path: Path) -> None:
         ("mesh.glb", mesh_bytes(".glb")),
     ],
 )
-def test_corrupt_files_raise_nothing_but_the_package_errors(
-    tmp_path: Path, name: str, content: bytes
-) -> None:
+def test_corrupt_files_raise_nothing_but_the_package_errors(tmp_path: Path, name: str, content: bytes) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / name
     for _ in range(40):
         broken = bytearray(content)
-        for position in rng.integers(
-            0, min(len(broken), int(rng.choice([300, 100_000]))), size=rng.integers(1, 4)
-        ):
+        for position in rng.integers(0, min(len(broken), int(rng.choice([300, 100_000]))), size=rng.integers(1, 4)):
             broken[position] = rng.integers(0, 256)
-        path.write_bytes(
-            broken[: rng.integers(len(broken) // 2, len(broken) + 1)] if rng.random() < 0.3 else broken
-        )
+        path.write_bytes(broken[: rng.integers(len(broken) // 2, len(broken) + 1)] if rng.random() < 0.3 else broken)
         try:
             scan = Scan.load(path)
         except PwralignError as error:

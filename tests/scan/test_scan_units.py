@@ -26,9 +26,7 @@ def surface(size: float, count: int, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("share", [0.3, 1.0, 20.0])
 def test_millimetres_raise_and_name_the_switch(count: int, share: float) -> None:
     scan = Scan(surface(1000.0 * share * DIAGONAL, count), source="scan.ply")
-    with pytest.raises(
-        UnitError, match=r"scan\.ply: the scan is .* times as large as the model.*--units mm"
-    ) as caught:
+    with pytest.raises(UnitError, match=r"scan\.ply: the scan is .* times as large as the model.*--units mm") as caught:
         check_units(scan, DIAGONAL, "m")
     assert caught.value.scale == 1e-3
 

@@ -16,9 +16,7 @@ from pwralign_kin.se3 import inverse, rotation_angle, transform
 from pwralign_kin.simulation import TIERS, GuessError, Sensor, random_state, simulate
 from pwralign_kin.state import State
 
-pytest.importorskip(
-    "open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError
-)
+pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
 
 URDF = """<robot name="crane">
   <link name="base"><visual><geometry><box size="0.6 0.4 0.2"/></geometry></visual></link> <link
@@ -66,9 +64,7 @@ def sees(model: ArticulatedModel, state: State, origin: np.ndarray, points: np.n
     placements = state.T_scan_base @ model.part_placements(model.values(state.joints))
     for part, T in zip(model.parts, placements, strict=True):
         posed = transform(T, part.vertices)
-        scene.add_triangles(
-            o3d.core.Tensor(posed.astype(np.float32)), o3d.core.Tensor(part.faces.astype(np.uint32))
-        )
+        scene.add_triangles(o3d.core.Tensor(posed.astype(np.float32)), o3d.core.Tensor(part.faces.astype(np.uint32)))
     rays = np.concatenate([np.broadcast_to(origin, points.shape), points - origin], axis=1)
     hit = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     return hit > 1.0 - 1e-3
@@ -174,9 +170,7 @@ def test_random_losses_take_a_part_and_one_contiguous_piece(crane: ArticulatedMo
     bite = whole.scan.points[lost & (whole.labels != absent[0])]
     assert len(bite) == pytest.approx(0.2 * rest, abs=1)
     remaining = simulated.scan.points
-    nearest = np.argsort(np.linalg.norm(np.vstack([bite, remaining]) - bite.mean(axis=0), axis=1))[
-        : len(bite)
-    ]
+    nearest = np.argsort(np.linalg.norm(np.vstack([bite, remaining]) - bite.mean(axis=0), axis=1))[: len(bite)]
     assert (nearest < len(bite)).mean() > 0.7
 
 
