@@ -29,7 +29,7 @@ from pwralign_kin.state import State
 WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
 UNCONVINCING = 0.04
-"""A guess whose refinement leaves this share of the scan unexplained is checked against a search without it."""
+"""A solution that leaves more than this share of the scan unexplained is searched on."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
@@ -155,7 +155,17 @@ class Estimator:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with watch.stage("repair"):
-            return repair(search, refined, self.options.repair, turn=True)
+            solutions = repair(search, refined, self.options.repair, turn=True)
+            if self._is_poor(search, solutions):
+                solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
+        return solutions
+
+    @staticmethod
+    def _is_poor(search: TreeSearch, solutions: Candidates) -> bool:
+        """Return whether the best solution leaves much of the scan unexplained while the scan speaks against parts."""
+        best = solutions.take([0])
+        unsupported = search.poorly_supported(search.scored(best)[1][0])
+        return bool(unsupported.any()) and search.unexplained(best) > UNCONVINCING
 
     def _hypotheses(self, search: TreeSearch, correspondences: Correspondences | None) -> Hypotheses:
         """Collect part hypotheses from every source."""

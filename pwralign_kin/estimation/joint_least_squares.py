@@ -29,7 +29,7 @@ class LeastSquaresOptions:
     """Off: the answer of the batch refinement stands."""
     bounds: bool = True
     """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
-    iterations: int = 15
+    iterations: int = 30
     least_sigma: float = 0.005
     sigmas: float = 2.0
     """Robust scale in standard deviations of the scan's noise, at least `least_sigma`."""

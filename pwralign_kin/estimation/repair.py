@@ -68,7 +68,7 @@ def repair_moves(
     unexplained = search.unexplained(solution)
     exists, single = search.exists, search.observation.single_view
     usual = float(np.median(support[exists]))
-    bad = exists & (support < (-0.2 if single else 0.85 * usual))
+    bad = search.poorly_supported(support)
     missing = unexplained > options.unexplained
     moves: list[Candidates] = []
     placements = search.part_placements(solution)[0]

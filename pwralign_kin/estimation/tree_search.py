@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,9 +37,16 @@ class SearchOptions:
     more_refined: int = 12
     angle_step: float = float(np.radians(6))
     """Step of the sweep of a revolute joint, rad."""
-    beam: int = 24
-    modes: int = 10
-    branch_beam: int = 3
+    beam: int = 8
+    """States kept along a chain."""
+    modes: int = 5
+    """Values kept of each joint."""
+    branch_beam: int = 2
+    """States kept at a branching."""
+    wide_beam: int = 96
+    """The same where the answer leaves much unexplained."""
+    wide_modes: int = 16
+    wide_branch_beam: int = 3
     refined: int = 24
     """Grown configurations that are refined together."""
     refine_points: int = 900
@@ -74,6 +81,8 @@ class TreeSearch:
         self.model = model
         self.observation = observation
         self.options = options
+        self.neutral = neutral
+        self.threads = threads
         self.exists = np.array([s.exists for s in surfaces], bool)
         self.areas = np.array([s.area for s in surfaces])
         self.weights = part_weights(surfaces)
@@ -97,6 +106,17 @@ class TreeSearch:
         count = len(self.observation.points)
         expected = max(area * share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
+
+    def widened(self) -> TreeSearch:
+        """Return the same search with the wide beams."""
+        o = self.options
+        wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
+        return TreeSearch(self.model, self.surfaces, self.observation, self.neutral, wide, self.threads)
+
+    def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
+        """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
+        usual = float(np.median(support[self.exists]))
+        return self.exists & (support < (-0.2 if self.observation.single_view else 0.85 * usual))
 
     @property
     def sigma(self) -> float:
