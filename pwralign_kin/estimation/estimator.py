@@ -28,7 +28,7 @@ from pwralign_kin.state import State
 
 WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
-UNCONVINCING = 0.04
+UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
@@ -155,17 +155,18 @@ class Estimator:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with watch.stage("repair"):
-            solutions = repair(search, refined, self.options.repair, turn=True)
-            if self._is_poor(search, solutions):
-                solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
-        return solutions
+            return self._repaired(search, refined, turn=True)
 
-    @staticmethod
-    def _is_poor(search: TreeSearch, solutions: Candidates) -> bool:
-        """Return whether the best solution leaves much of the scan unexplained while the scan speaks against parts."""
+    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
+        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
+        solutions = repair(search, candidates, self.options.repair, turn=turn)
         best = solutions.take([0])
         unsupported = search.poorly_supported(search.scored(best)[1][0])
-        return bool(unsupported.any()) and search.unexplained(best) > UNCONVINCING
+        # A scan that holds more than the model leaves something unexplained however good the answer.
+        doubtful = bool(unsupported.any()) or search.coverage_scale == 1.0
+        if doubtful and search.unexplained(best) > UNCONVINCING:
+            solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
+        return solutions
 
     def _hypotheses(self, search: TreeSearch, correspondences: Correspondences | None) -> Hypotheses:
         """Collect part hypotheses from every source."""
@@ -198,7 +199,7 @@ class Estimator:
             starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
-            solutions = repair(search, refined, self.options.repair, turn=False)
+            solutions = self._repaired(search, refined, turn=False)
         if search.unexplained(solutions.take([0])) > UNCONVINCING:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),

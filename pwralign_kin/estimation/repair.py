@@ -25,7 +25,7 @@ class RepairOptions:
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
     """Regrown configurations kept per move."""
-    refined: int = 8
+    refined: int = 16
     """Moves per solution that are refined."""
     turned_parts: int = 3
     """Largest parts that are turned by half a revolution."""

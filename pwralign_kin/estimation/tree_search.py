@@ -93,7 +93,8 @@ class TreeSearch:
         native.coverage_distance = options.coverage_distance
         native.support_weight = options.support_weight
         native.two_way = options.two_way
-        native.coverage_scale = self._coverage_scale(total_area(surfaces))
+        self.coverage_scale = self._coverage_scale(total_area(surfaces))
+        native.coverage_scale = self.coverage_scale
         native.angle_step = options.angle_step
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
