@@ -229,7 +229,8 @@ class Estimator:
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
         if not self.options.least_squares.enabled:
-            return Solution(base, values, solver.build(base, values), True, 0)
+            problem = solver.build(base, values, solver.robust_scale(base, values))
+            return Solution(base, values, problem, True, 0)
         return solver.run(base, solver.limited(values))
 
     def _judge(

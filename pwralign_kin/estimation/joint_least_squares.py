@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
+from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
@@ -32,7 +33,7 @@ class LeastSquaresOptions:
     iterations: int = 30
     least_sigma: float = 0.005
     sigmas: float = 2.0
-    """Robust scale in standard deviations of the scan's noise, at least `least_sigma`."""
+    """Robust scale in standard deviations of the scan's noise; at least `least_sigma` and the residuals' own."""
     support_weight: float = 0.05
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
@@ -102,8 +103,14 @@ class JointLeastSquares:
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
         return JointLeastSquares(self.model, self.search, lower, upper, self.options)
 
-    def build(self, base: Array, values: Array) -> Problem:
-        """Return the problem linearised at a configuration."""
+    def robust_scale(self, base: Array, values: Array) -> float:
+        """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""
+        residual = self.search.residual(Candidates(base[None], values[None], np.zeros(1, np.float32)))
+        noise = self.options.sigmas * self.search.observation.noise
+        return max(self.options.least_sigma, noise, residual)
+
+    def build(self, base: Array, values: Array, sigma: float) -> Problem:
+        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
         metres = values * self.unit
         placements = self.model.part_placements(metres)
         R = base[:3, :3]
@@ -114,7 +121,6 @@ class JointLeastSquares:
         full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
-        sigma = max(self.options.least_sigma, self.options.sigmas * self.search.observation.noise)
         information, part_g, counts = self.search.native.normal_equations(
             np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
             sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
@@ -142,7 +148,8 @@ class JointLeastSquares:
         """Iterate from a configuration to convergence."""
         base, values = base.copy(), values.copy()
         converged, iterations = False, 0
-        problem = self.build(base, values)
+        sigma = self.robust_scale(base, values)
+        problem = self.build(base, values, sigma)
         while not converged and iterations < self.options.iterations:
             iterations += 1
             step = self.solve(problem, values)
@@ -150,7 +157,7 @@ class JointLeastSquares:
             base[:3, :3] = move[:3, :3] @ base[:3, :3]
             base[:3, 3] += move[:3, 3]
             values = self.limited(values + step[6:])
-            problem = self.build(base, values)
+            problem = self.build(base, values, sigma)
             converged = bool(np.abs(step).max() < self.options.tolerance)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
 

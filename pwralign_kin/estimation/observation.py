@@ -31,8 +31,8 @@ MOST_CELLS = 1.5e8
 class ObservationOptions:
     """How a scan is prepared. Lengths in model diagonals."""
 
-    given_points: int = 4000
-    """Points that are kept as given, for the joint least squares."""
+    given_per_cell: int = 2
+    """Points of each cell of the downsampling that are kept as given, for the joint least squares."""
     voxel: float = 0.01
     """Cell of the downsampling."""
     normal_radius: float = 0.012
@@ -72,7 +72,7 @@ class Observation:
     normals: Float
     """(m, 3) unit normals, towards the sensor or the open side."""
     given: Float
-    """(r, 3) points as given, at most `ObservationOptions.given_points`: noisy, but not displaced by any smoothing."""
+    """(r, 3) points as given, `ObservationOptions.given_per_cell` a cell: noisy, but not displaced by any smoothing."""
     given_normals: Float
     """(r, 3) normals of the nearest prepared points."""
     spacing: float
@@ -123,7 +123,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     origin = _common_origin(scan, centre, diagonal)
     if options.remove_planes and origin is None:
         raw = _without_wide_plane(raw, options, threads)
-    points, _, _ = kernels.voxel_means(raw, options.voxel)
+    points, _, cell = kernels.voxel_means(raw, options.voxel)
     points, spacing = _without_strays(points, options)
     noise = _noise(raw)
     radius = options.noisy_radius if noise > options.noisy else options.normal_radius + options.normal_noises * noise
@@ -139,7 +139,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw if origin is not None else np.zeros((0, 3), np.float32),
         options.depth_pixel, options.depth_tolerance, options.shadow,
     )  # fmt: skip
-    given, given_normals = _as_given(raw, points, normals, options.given_points)
+    given, given_normals = _as_given(raw, cell, points, normals, options)
     return Observation(points, normals, given, given_normals, spacing, noise, origin, field, centre, diagonal)
 
 
@@ -162,13 +162,23 @@ def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOp
         )
 
 
-def _as_given(raw: Float, points: Float, normals: Float, count: int) -> tuple[Float, Float]:
-    """Return a fair sample of the raw points with the normals of the nearest prepared points."""
+def _as_given(
+    raw: Float, cell: NDArray[np.int32], points: Float, normals: Float, options: ObservationOptions
+) -> tuple[Float, Float]:
+    """Return raw points, few of each occupied `cell`, with the normals of the nearest prepared points.
+
+    Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
+    """
     from scipy.spatial import cKDTree
 
-    chosen = np.random.default_rng(0).permutation(len(raw))[:count]
-    nearest = cKDTree(points).query(raw[chosen])[1]
-    return np.ascontiguousarray(raw[chosen]), np.ascontiguousarray(normals[nearest])
+    order = np.random.default_rng(0).permutation(len(raw))
+    by_cell = order[np.argsort(cell[order], kind="stable")]
+    first = np.flatnonzero(np.r_[True, np.diff(cell[by_cell]) != 0])
+    rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
+    chosen = by_cell[rank < options.given_per_cell]
+    distance, nearest = cKDTree(points).query(raw[chosen])
+    near = distance < options.stray_distance
+    return np.ascontiguousarray(raw[chosen[near]]), np.ascontiguousarray(normals[nearest[near]])
 
 
 def _noise(points: Float) -> float:

@@ -16,7 +16,7 @@ PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
 LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
-SYSTEMATIC_SHARE = 0.5
+SYSTEMATIC_SHARE = 0.6
 """Share of the systematic residual (sensor bias, model error) that may pass for a motion of a joint."""
 LEAST_POINTS = 8
 """Correspondences below which a part counts as unseen."""

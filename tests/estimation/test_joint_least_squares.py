@@ -13,6 +13,8 @@ from pwralign_kin.estimation.observation import ObservationOptions, observe
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import SimulatedScan
 
+SIGMA = 0.005
+
 
 @pytest.fixture(scope="module")
 def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> TreeSearch:
@@ -51,7 +53,7 @@ def test_jacobian_against_finite_differences(
     arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
 ) -> None:
     base, values = truth(arm, search, full_scan)
-    problem = solver(arm, search).build(base, values)
+    problem = solver(arm, search).build(base, values, SIGMA)
     h, none = 1e-6, np.zeros(1, np.float32)
 
     def placed(step: np.ndarray) -> np.ndarray:
@@ -77,7 +79,7 @@ def test_jacobian_against_finite_differences(
 def test_normal_matrix_is_symmetric_and_positive(
     arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
 ) -> None:
-    problem = solver(arm, search).build(*truth(arm, search, full_scan))
+    problem = solver(arm, search).build(*truth(arm, search, full_scan), SIGMA)
     np.testing.assert_allclose(problem.H, problem.H.T, atol=1e-12)
     assert np.linalg.eigvalsh(problem.H).min() > 0
 
@@ -101,10 +103,22 @@ def test_steps_respect_bounds_that_bind(arm: pk.ArticulatedModel, search: TreeSe
     upper[1] = values[1] - 0.05  # the truth is out of reach
     bounded = JointLeastSquares(arm, search, arm.lower / unit, upper, LeastSquaresOptions())
     start = np.minimum(values, upper)
-    problem = bounded.build(base, start)
+    problem = bounded.build(base, start, SIGMA)
     assert (start + bounded.solve(problem, start)[6:] <= upper + 1e-9).all()
     result = bounded.run(base, start)
     assert result.values[1] == pytest.approx(upper[1], abs=1e-6)
+
+
+def test_the_robust_scale_follows_noise_and_residuals(
+    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
+) -> None:
+    base, values = truth(arm, search, full_scan)
+    right = solver(arm, search).robust_scale(base, values)
+    off = base.copy()
+    off[:3, 3] += 0.01
+    assert right < 0.008
+    assert solver(arm, search).robust_scale(off, values) > right
+    assert solver(arm, search, sigmas=20.0).robust_scale(base, values) > 0.02
 
 
 def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:

@@ -1,0 +1,85 @@
+"""How scans are prepared: cleaning, normals, noise, tables, scales."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe
+from pwralign_kin.exceptions import ScanError
+
+RNG = np.random.default_rng(0)
+
+
+def sphere(count: int, noise: float = 0.0) -> np.ndarray:
+    outward = RNG.normal(size=(count, 3))
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    return (0.4 + noise * RNG.normal(size=(count, 1))) * outward
+
+
+def prepared(points: np.ndarray, sensor_origin: np.ndarray | None = None, **options: object) -> Observation:
+    return observe(pk.Scan(points, sensor_origin=sensor_origin), 1.0, ObservationOptions(**options), 2)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+def test_the_noise_is_found(noise: float) -> None:
+    assert prepared(sphere(8000, noise)).noise == pytest.approx(noise, rel=0.4)
+
+
+def test_details_do_not_count_as_noise() -> None:
+    rods = np.concatenate([sphere(2000) * [0.02, 0.02, 1] + [0.05 * k, 0, 0] for k in range(4)])
+    assert prepared(rods).noise < 0.002
+
+
+def test_normals_point_outwards_without_a_sensor_origin() -> None:
+    observation = prepared(sphere(6000, 0.001))
+    outward = observation.points + observation.centre
+    assert (np.einsum("ij,ij->i", outward, observation.normals) > 0).mean() > 0.98
+
+
+def test_normals_point_to_the_sensor() -> None:
+    points = sphere(6000)
+    origin = np.array([3.0, 0.0, 0.0])
+    observation = prepared(points[points[:, 0] > 0], origin)
+    assert observation.single_view
+    towards = observation.sensor_origin - observation.points
+    assert (np.einsum("ij,ij->i", towards, observation.normals) > 0).all()
+
+
+def test_strays_are_dropped() -> None:
+    strays = RNG.uniform(-2, 2, (40, 3))
+    observation = prepared(np.concatenate([sphere(6000), strays]))
+    radius = np.linalg.norm(observation.points + observation.centre, axis=1)
+    assert (np.abs(radius - 0.4) > 0.1).mean() < 0.002
+    given = np.linalg.norm(observation.given + observation.centre, axis=1)
+    assert (np.abs(given - 0.4) > 0.1).mean() < 0.002
+
+
+def test_a_table_goes_and_a_face_stays() -> None:
+    side = RNG.uniform(-0.9, 0.9, (12000, 2))
+    table = np.column_stack([side, np.full(len(side), -0.4)])
+    without = prepared(np.concatenate([sphere(6000), table]))
+    assert len(without.points) < 1.2 * len(prepared(sphere(6000)).points)
+    face = np.column_stack([RNG.uniform(-0.3, 0.3, (6000, 2)), np.zeros(6000)])
+    assert np.ptp(prepared(face).points, axis=0)[:2].min() > 0.55
+
+
+def test_every_bit_of_surface_counts_alike_however_densely_it_was_seen() -> None:
+    points = sphere(4000)
+    dense = np.concatenate([points, *[points[points[:, 0] > 0] + 1e-4 * k for k in range(1, 6)]])
+    observation = prepared(dense, given_per_cell=1)
+    assert 0.45 < (observation.given[:, 0] + observation.centre[0] > 0).mean() < 0.55
+
+
+def test_placements_convert_back_and_forth() -> None:
+    observation = prepared([*sphere(3000), 5, 6, 7])
+    T = np.eye(4)
+    T[:3, 3] = [1, 2, 3]
+    np.testing.assert_allclose(observation.to_scan(observation.to_search(T)), T, atol=1e-12)
+
+
+def test_a_hall_around_a_small_model_asks_for_a_crop() -> None:
+    hall = RNG.uniform(-30, 30, (200000, 3))
+    with pytest.raises(ScanError, match="crop"):
+        prepared(hall)
