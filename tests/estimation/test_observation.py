@@ -73,7 +73,7 @@ def test_every_bit_of_surface_counts_alike_however_densely_it_was_seen() -> None
 
 
 def test_placements_convert_back_and_forth() -> None:
-    observation = prepared([*sphere(3000), 5, 6, 7])
+    observation = prepared(sphere(3000) + np.array([5.0, 6.0, 7.0]))
     T = np.eye(4)
     T[:3, 3] = [1, 2, 3]
     np.testing.assert_allclose(observation.to_scan(observation.to_search(T)), T, atol=1e-12)
