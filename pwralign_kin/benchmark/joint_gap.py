@@ -86,8 +86,8 @@ def gaps_of_export(case: Case, model: ArticulatedModel, result: Estimate, folder
     """Return the gaps of an estimate and of its export in `folder`."""
     own = {name: part.T_scan_part for name, part in result.parts.items()}
     values = _exported_values(folder)
-    by_pinocchio = read_by_pinocchio(folder / "aligned.urdf", values)
-    by_yourdfpy = read_by_yourdfpy(folder / "aligned.urdf", values)
+    by_pinocchio = by_part(model, read_by_pinocchio(folder / "aligned.urdf", values))
+    by_yourdfpy = by_part(model, read_by_yourdfpy(folder / "aligned.urdf", values))
     return Gaps(
         robot=case.robot,
         tier=case.tier,
@@ -98,6 +98,14 @@ def gaps_of_export(case: Case, model: ArticulatedModel, result: Estimate, folder
         pinocchio_offset=_largest_offset(own, by_pinocchio, model.diagonal),
         yourdfpy_offset=_largest_offset(own, by_yourdfpy, model.diagonal),
     )
+
+
+def by_part(model: ArticulatedModel, links: Placements) -> Placements:
+    """Return the placement of every part, told by the last of the links welded into it.
+
+    The first may be a root `world`, which in the export is the scan itself.
+    """
+    return {part.name: links[part.links[-1]] @ inverse(model.T_part_link[part.links[-1]][1]) for part in model.parts}
 
 
 def largest_gap(model: ArticulatedModel, placements: Placements) -> float:

@@ -10,7 +10,7 @@ import pytest
 
 from pwralign_kin import estimate, se3
 from pwralign_kin.benchmark.cases import simulated_case
-from pwralign_kin.benchmark.joint_gap import gaps_of_export, joint_gap, table
+from pwralign_kin.benchmark.joint_gap import by_part, gaps_of_export, joint_gap, table
 from pwralign_kin.estimation import EstimatorOptions
 from pwralign_kin.export.joints import joint_values
 from pwralign_kin.export.states import write_joint_state
@@ -60,3 +60,20 @@ def test_an_export_has_no_gap_and_a_tampered_one_has(twins: ArticulatedModel, tm
     assert gaps.parts == pytest.approx(1e-4, rel=1e-3)
     assert gaps.pinocchio_offset == pytest.approx(1e-4, rel=1e-3)
     assert gaps.pinocchio < 1e-9 and gaps.yourdfpy < 1e-9
+
+
+def test_a_part_named_after_a_root_world_is_told_by_its_other_links(tmp_path: Path) -> None:
+    box = '<visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual>'
+    (tmp_path / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="world"/><link name="base">{box}</link><link name="arm">{box}</link>
+        <joint name="stand" type="fixed"><parent link="world"/><child link="base"/><origin xyz="0 0 1"/></joint>
+        <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/>
+        <origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint></robot>"""
+    )
+    model = ArticulatedModel.from_urdf(tmp_path / "arm.urdf")
+    T_scan_base = placed(np.eye(4), shift=(1, 2, 3))
+    links = {name: T_scan_base @ T for name, T in model.link_placements(np.array([0.4])).items()}
+    links["world"] = np.eye(4)
+    parts = by_part(model, links)
+    expected = T_scan_base @ model.part_placements(np.array([0.4]))
+    np.testing.assert_allclose([parts[part.name] for part in model.parts], expected, atol=1e-12)
