@@ -1,4 +1,4 @@
-"""Rigid placements as (4, 4) arrays: exponential, logarithm, and the one place where quaternion order is converted.
+"""Rigid placements as (4, 4) arrays: exponential, and the one place where quaternion order is converted.
 
 `T_a_b` maps coordinates of frame b into frame a. Twists are (6,): rotation vector first, then translation.
 Quaternions are xyzw everywhere in this package (as in Pinocchio, SciPy and ROS).
@@ -60,13 +60,6 @@ def rotation_angle(R: Array) -> float:
     """Return the angle (rad) of the rotation `R` (3, 3)."""
     sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
     return float(np.arctan2(sine, (np.trace(R) - 1.0) / 2.0))
-
-
-def log(T: Array) -> Array:
-    """Return the twist (6,) with `exp(twist) == T`."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
 
 
 def orthonormalised(T: Array) -> Array:

@@ -280,7 +280,7 @@ class Estimator:
     ) -> Estimate:
         model, observation = self.model, search.observation
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
-        support = search.scored(final)[1]
+        seen = _seen_shares(search.scored(final)[1][0], observation)
         coverage = float(search.coverage(final)[0])
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
@@ -294,16 +294,16 @@ class Estimator:
         return Estimate(
             state=state,
             cost=-float(finished.scores[0]),
-            confidence=self._confidence(coverage, support[0], search, finished),
+            confidence=self._confidence(coverage, seen, search, finished),
             inlier_rmse=_rms(distances[explained]),
             scan_coverage=float(explained.mean()),
-            model_support=float(np.clip(1 + support[0] if observation.single_view else support[0], 0, 1) @ seen_weight),
+            model_support=float(seen @ seen_weight),
             parts={
                 part.name: PartEstimate(
                     T_scan_part=T_scan_parts[i],
                     residual=_rms(distances[labels == i]),
                     points=int((labels == i).sum()),
-                    support=self._support(support[0, i], observation) if search.exists[i] else float("nan"),
+                    support=float(seen[i]) if search.exists[i] else float("nan"),
                 )
                 for i, part in enumerate(model.parts)
             },
@@ -345,17 +345,18 @@ class Estimator:
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
 
     @staticmethod
-    def _support(value: float, observation: Observation) -> float:
-        return float(np.clip(1 + value if observation.single_view else value, 0, 1))
-
-    @staticmethod
-    def _confidence(coverage: float, support: NDArray[np.float32], search: TreeSearch, finished: Candidates) -> float:
+    def _confidence(coverage: float, seen: NDArray[np.float32], search: TreeSearch, finished: Candidates) -> float:
         """Return how far the evidence speaks for the answer: explained scan, supported model, margin to the next."""
-        seen = float(np.clip(1 + support if search.observation.single_view else support, 0, 1) @ search.weights)
+        supported = float(seen @ search.weights)
         rivals = finished.scores[0] - finished.scores[1:]
         margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
-        logit = 10 * (coverage - 0.6) + 6 * (seen - 0.6) + min(4.0, 10 * margin) - 1
+        logit = 10 * (coverage - 0.6) + 6 * (supported - 0.6) + min(4.0, 10 * margin) - 1
         return float(1 / (1 + np.exp(-logit)))
+
+
+def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:
+    """Return per part the share of its surface that should be seen and is; single views score only what is missing."""
+    return np.asarray(np.clip(1 + support if observation.single_view else support, 0, 1), np.float32)
 
 
 def _rms(values: Array) -> float:
