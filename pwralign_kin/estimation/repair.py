@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.voting import VoteOptions, voted
 from pwralign_kin.se3 import Array, rotation_about
 
 Bool = NDArray[np.bool_]
@@ -18,9 +19,12 @@ Bool = NDArray[np.bool_]
 class RepairOptions:
     """How hard wrong answers are repaired."""
 
-    rounds: int = 4
+    rounds: int = 10
     solutions: int = 4
-    """Distinct solutions that are repaired side by side."""
+    """Distinct solutions that are repaired side by side, ..."""
+    early_rounds: int = 2
+    """... for so many rounds; after that only the best ..."""
+    late_solutions: int = 2
     margin: float = 0.12
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
@@ -31,6 +35,7 @@ class RepairOptions:
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
     """Share of scan points far from the model below which nothing is missing."""
+    votes: VoteOptions = field(default_factory=VoteOptions)
 
 
 def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *, turn: bool) -> Candidates:
@@ -39,7 +44,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     done: set[tuple[float, ...]] = set()
     for round_ in range(options.rounds):
         moved: list[Candidates] = []
-        for i in range(len(solutions)):
+        for i in range(min(len(solutions), options.late_solutions if round_ >= options.early_rounds else len(solutions))):
             solution = solutions.take([i])
             where = np.concatenate([solution.bases[0, :3, 3], solution.values[0]])
             key = tuple(float(v) for v in np.round(where, 2))
@@ -47,7 +52,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
                 continue
             done.add(key)
-            tried = repair_moves(search, solution, options, sweep=i == 0, turn=turn and round_ == 0)
+            tried = repair_moves(search, solution, options, round_, sweep=i == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.sifted(tried, options.refined))
         if not moved:
@@ -61,7 +66,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
 
 
 def repair_moves(
-    search: TreeSearch, solution: Candidates, options: RepairOptions, *, sweep: bool, turn: bool
+    search: TreeSearch, solution: Candidates, options: RepairOptions, seed: int, *, sweep: bool, turn: bool
 ) -> Candidates | None:
     """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere."""
     support = search.scored(solution)[1][0]
@@ -77,6 +82,10 @@ def repair_moves(
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
+    if missing:
+        votes = voted(search, solution, options.votes, seed)
+        if votes is not None:
+            moves.append(votes)
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if sweep:

@@ -51,6 +51,8 @@ class SearchOptions:
     """Grown configurations that are refined together."""
     refine_points: int = 900
     fine_points: int = 1500
+    explained_weight: float = 0.3
+    """Weight of scan points that are explained already, when parts are placed in what is left."""
     sift_points: int = 800
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
@@ -102,11 +104,14 @@ class TreeSearch:
 
     def _coverage_scale(self, area: float) -> float:
         """Return by how much coverage must be scaled up because the scan holds more than the model."""
-        # Share of the visible surface that a single view, or views from all around, usually show.
-        share = 0.42 if self.observation.single_view else 0.85
         count = len(self.observation.points)
-        expected = max(area * share / self.observation.area_per_point, 0.05 * count)
+        expected = max(area * self._usual_share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
+
+    @property
+    def _usual_share(self) -> float:
+        """Share of the visible surface that a single view, or views from all around, usually show."""
+        return 0.42 if self.observation.single_view else 0.85
 
     def widened(self) -> TreeSearch:
         """Return the same search with the wide beams."""
@@ -133,11 +138,15 @@ class TreeSearch:
     def pair_hypotheses(self, seed: int) -> Hypotheses:
         """Return poses of the largest parts from oriented point pairs."""
         o = self.options
-        return Hypotheses(
-            *self.native.part_hypotheses(
-                self.largest_parts(o.root_parts + self.many * o.more_root_parts), seed, self._per_part
-            )
-        )
+        largest = self.largest_parts(o.root_parts + self.many * o.more_root_parts)
+        return self.part_hypotheses(largest, seed, self._per_part, np.zeros(0, np.float32))
+
+    def part_hypotheses(self, parts: Ints, seed: int, count: int, point_weights: Float) -> Hypotheses:
+        """Return at most `count` poses of each of `parts` from oriented point pairs.
+
+        With `point_weights` (one per scan point, or none) only points of weight 1 are sampled.
+        """
+        return Hypotheses(*self.native.part_hypotheses(parts, seed, count, point_weights))
 
     def correspondence_hypotheses(self, pairs: Sequence[OrientedPairs], seed: int) -> Hypotheses:
         """Return poses of parts from correspondences, in minimal samples of two."""
@@ -247,6 +256,16 @@ class TreeSearch:
         """Return the share of scan points far from the surface of one candidate."""
         return float(np.mean(self._distances(candidate, self.observation.points) > self.reach))
 
+    def owners(self, candidate: Candidates) -> tuple[Float, Ints]:
+        """Return per scan point its distance from one candidate (at most 0.06) and the part it lies on, or -1."""
+        return self._assigned(candidate, self.observation.points)
+
+    def explained_shares(self, owners: Ints) -> Float:
+        """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
+        counts = np.bincount(owners[owners >= 0], minlength=len(self.exists))
+        usual = np.maximum(self.areas * self._usual_share, 1e-9)
+        return np.asarray(counts * self.observation.area_per_point / usual, np.float32)
+
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
         distance = self._distances(candidate, self.observation.given)
@@ -260,5 +279,9 @@ class TreeSearch:
         return 0.02 + 2 * self.observation.noise
 
     def _distances(self, candidate: Candidates, points: Float) -> Float:
+        return self._assigned(candidate, points)[0]
+
+    def _assigned(self, candidate: Candidates, points: Float) -> tuple[Float, Ints]:
         placements = np.ascontiguousarray(self.part_placements(candidate)[0])
-        return np.asarray(self.native.assign(points, placements, self.exists.astype(np.uint8), 0.06)[0])
+        distance, part, _ = self.native.assign(points, placements, self.exists.astype(np.uint8), 0.06)
+        return np.asarray(distance), np.asarray(part)

@@ -240,16 +240,18 @@ void bind_search(nb::module_ &m) {
             require(int(neutral.shape(0)) == model.joints, "one neutral value per joint is needed");
             new (self) Search(model, field, options, {neutral.data(), neutral.data() + neutral.shape(0)});
         }, "model"_a, "field"_a, "options"_a, "neutral"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
-        .def("part_hypotheses", [](const Search &self, Ints parts, uint64_t seed, int keep) {
+        .def("part_hypotheses", [](const Search &self, Ints parts, uint64_t seed, int keep, In<float, nb::shape<-1>> point_weights) {
             std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
             for (int p : wanted) require(p >= 0 && p < self.model.parts && self.model.surface[p].exists, "a hypothesis needs a part with a surface");
+            require(point_weights.shape(0) == 0 || point_weights.shape(0) == self.field.points.size(), "one weight per scan point is needed");
+            const std::vector<float> weights(point_weights.data(), point_weights.data() + point_weights.shape(0));
             std::vector<Hypothesis> found;
             {
                 nb::gil_scoped_release release;
-                found = self.part_hypotheses(wanted, seed, keep);
+                found = self.part_hypotheses(wanted, seed, keep, weights);
             }
             return write_hypotheses(found);
-        }, "parts"_a, "seed"_a, "keep"_a)
+        }, "parts"_a, "seed"_a, "keep"_a, "point_weights"_a)
         .def("correspondence_hypotheses", [](const Search &self, int part, Points source, Points source_normals, Points target, Points target_normals, In<float, nb::shape<-1>> weights, uint64_t seed, int keep) {
             const size_t count = source.shape(0);
             require(part >= 0 && part < self.model.parts && self.model.surface[part].exists, "a hypothesis needs a part with a surface");
@@ -303,6 +305,24 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, grown);
         }, "bases"_a, "values"_a, "configuration"_a, "start"_a, "next"_a, "weights"_a, "keep"_a)
+        .def("reach", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints anchor, Ints part, Placements placements, uint64_t seed, int starts, int keep, float tolerance) {
+            const auto from = read_configurations(self.model, bases, values);
+            const size_t count = configuration.shape(0);
+            require(anchor.shape(0) == count && part.shape(0) == count && placements.shape(0) == count, "the arrays of the tasks differ in length");
+            std::vector<ReachTask> tasks;
+            for (size_t t = 0; t < count; ++t) {
+                const int c = configuration.data()[t], a = anchor.data()[t], p = part.data()[t];
+                require(c >= 0 && c < int(from.size()) && a >= 0 && a < self.model.parts && p >= 0 && p < self.model.parts, "a task names something that does not exist");
+                require(self.model.surface[p].exists, "a part without a surface cannot be placed");
+                tasks.push_back({c, a, p, read_placement(placements.data() + 16 * t)});
+            }
+            std::vector<Configuration> found;
+            {
+                nb::gil_scoped_release release;
+                found = self.reach(from, tasks, seed, starts, keep, tolerance);
+            }
+            return write_configurations(self.model, found);
+        }, "bases"_a, "values"_a, "configuration"_a, "anchor"_a, "part"_a, "placements"_a, "seed"_a, "starts"_a, "keep"_a, "tolerance"_a)
         .def("sweep", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves, int keep) {
             const auto from = read_configurations(self.model, bases, values);
             require(joint.shape(0) == configuration.shape(0) && base_moves.shape(0) == configuration.shape(0), "the arrays of the tasks differ in length");

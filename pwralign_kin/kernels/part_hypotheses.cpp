@@ -92,46 +92,51 @@ static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec mode
 }
 
 // Score a candidate; most fail on the first few samples already.
-void Search::consider(int part, const Rigid &pose, std::vector<Hypothesis> &candidates) const {
+void Search::consider(int part, const Rigid &pose, const float *point_weights,
+                      std::vector<Hypothesis> &candidates) const {
     constexpr int first_samples = 16;
     constexpr float promising = .15f;
     const Surface &s = model.surface[part];
     const float distance = 1.3f * options.support_distance;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
-    const float early = part_score(part, T, 0, first, distance, nullptr);
+    const float early = part_score(part, T, 0, first, distance, point_weights);
     if (early < promising * s.cumulated[first]) return;
-    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, nullptr)) / s.cumulated[last]});
+    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
 
-std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep) const {
+std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep,
+                                        const float *point_weights) const {
     constexpr size_t pool = 400;
     constexpr int refined = 60;
     sort_by_score(candidates);
     if (candidates.size() > pool) candidates.resize(pool);
     candidates = select(candidates, distinct(candidates, refined, .02f));
-    for (auto &h : candidates) refine_part(h, 5);
+    for (auto &h : candidates) refine_part(h, 5, point_weights);
     sort_by_score(candidates);
     return select(candidates, distinct(candidates, keep, .03f));
 }
 
-std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep) const {
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep,
+                                                   const float *point_weights) const {
     constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
     if (table.key.empty()) return candidates;
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
-    const int count = int(field.points.size()), anchor_count = std::min(anchors, count);
-    std::vector<int> order(count);
-    std::iota(order.begin(), order.end(), 0);
+    std::vector<int> order;
+    for (int i = 0; i < int(field.points.size()); ++i)
+        if (!point_weights || point_weights[i] >= 1) order.push_back(i);
+    const std::vector<int> sampled = order;
+    const int count = int(order.size()), anchor_count = std::min(anchors, count);
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
     const int per_anchor = std::max(1, pairs / std::max(1, anchor_count));
     std::vector<int> near;
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
         near.clear();
-        for (int j = 0; j < count; ++j) {
+        for (int j : sampled) {
             const Vec d = field.points[j].p - p.p;
             const float squared = dot(d, d);
             if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
@@ -145,11 +150,11 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int 
             const int matches = int(range.second - range.first), start = int(range.first - table.key.begin());
             for (int v = 0; v < std::min(matches, votes_of_pair); ++v) {
                 const int m = start + int(random.below(uint32_t(matches)));
-                consider(part, aligning(Rs, p.p, &table.frame[9 * m], s.p[table.first[m]]), candidates);
+                consider(part, aligning(Rs, p.p, &table.frame[9 * m], s.p[table.first[m]]), point_weights, candidates);
             }
         }
     }
-    return best_of(std::move(candidates), keep);
+    return best_of(std::move(candidates), keep, point_weights);
 }
 
 std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::vector<Correspondence> &given,
@@ -174,15 +179,17 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
         if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
-        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), candidates);
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), nullptr, candidates);
     }
-    return best_of(std::move(candidates), keep);
+    return best_of(std::move(candidates), keep, nullptr);
 }
 
-std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const {
+std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep,
+                                                const std::vector<float> &point_weights) const {
+    const float *weights = point_weights.empty() ? nullptr : point_weights.data();
     std::vector<std::vector<Hypothesis>> found(parts.size());
     parallel_for(int64_t(parts.size()), options.threads,
-                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], seed, keep); });
+                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], seed, keep, weights); });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
     return all;
@@ -190,11 +197,11 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, u
 
 void Search::refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const {
     parallel_for(int64_t(hypotheses.size()), options.threads,
-                 [&](int64_t i) { refine_part(hypotheses[i], iterations); });
+                 [&](int64_t i) { refine_part(hypotheses[i], iterations, nullptr); });
 }
 
 // Point-to-plane ICP of one part against the field, samples of the model towards the scan.
-void Search::refine_part(Hypothesis &h, int iterations) const {
+void Search::refine_part(Hypothesis &h, int iterations, const float *point_weights) const {
     const Surface &s = model.surface[h.part];
     const int count = s.count(80);
     const float limit = 2 * options.support_distance * options.support_distance;
@@ -222,7 +229,7 @@ void Search::refine_part(Hypothesis &h, int iterations) const {
         if (!solve_spd(normal.H, normal.g, 6)) break;
         retract(h.T, normal.g, .3);
     }
-    h.score = part_score(h.part, to_float(h.T), 0, s.count(160), options.support_distance, nullptr) /
+    h.score = part_score(h.part, to_float(h.T), 0, s.count(160), options.support_distance, point_weights) /
               s.cumulated[s.count(160)];
 }
 

@@ -55,6 +55,11 @@ struct SweepTask {
     bool base_moves;          // what hangs on the joint moves, or else all the rest
 };
 
+struct ReachTask {
+    int configuration, anchor, part; // `part` is to come to T while `anchor` stays
+    Rigid T;
+};
+
 struct RegrowTask {
     int configuration, start, next; // next: the neighbour of `start` whose side is grown anew; -1: all around `start`
     std::vector<float> weights;     // per part; parts of weight 0 are neither grown to nor taken as explaining
@@ -68,7 +73,9 @@ class Search {
     Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral);
 
     // RANSAC with minimal samples of two oriented points, for each of `parts`; the best `keep` distinct poses each.
-    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const;
+    // With weights per scan point, only points of weight 1 are sampled and the score counts all points by their weight.
+    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep,
+                                            const std::vector<float> &point_weights) const;
     // The same from correspondences of one part, in minimal samples of two.
     std::vector<Hypothesis> correspondence_hypotheses(int part, const std::vector<Correspondence> &given, uint64_t seed,
                                                       int keep) const;
@@ -81,6 +88,10 @@ class Search {
     // The best `keep` configurations of each task, in task order.
     std::vector<Configuration> regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                       int keep) const;
+    // Solve the joints between two parts so that one comes to a given placement, from `starts` random values; the best
+    // `keep` of each task that leave less than `tolerance`.
+    std::vector<Configuration> reach(const std::vector<Configuration> &from, const std::vector<ReachTask> &tasks,
+                                     uint64_t seed, int starts, int keep, float tolerance) const;
     // Sweep one actuated joint of whole configurations; the best `keep` modes of each task by the two-way score.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                      int keep) const;
@@ -124,10 +135,12 @@ class Search {
     };
     float part_score(int part, const RigidF &T, int first, int last, float distance,
                      const float *point_weights) const;
-    std::vector<Hypothesis> hypotheses_of_part(int part, uint64_t seed, int keep) const;
-    void consider(int part, const Rigid &pose, std::vector<Hypothesis> &candidates) const;
-    std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep) const;
-    void refine_part(Hypothesis &hypothesis, int iterations) const;
+    std::vector<Hypothesis> hypotheses_of_part(int part, uint64_t seed, int keep, const float *point_weights) const;
+    void consider(int part, const Rigid &pose, const float *point_weights, std::vector<Hypothesis> &candidates) const;
+    std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep, const float *point_weights) const;
+    void refine_part(Hypothesis &hypothesis, int iterations, const float *point_weights) const;
+    double close_chain(const ReachTask &task, const Rigid &goal, const std::vector<int> &joints,
+                       std::vector<double> &values) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, bool leads_somewhere,

@@ -1,0 +1,83 @@
+"""Votes: scan points that an answer leaves unexplained say where the parts that it has wrong should be.
+
+Each part that explains too little is placed on its own among the unexplained points, and the joints between it and
+the parts that are right are solved so that it comes there. A beam that grows through a chain of small parts judges each
+of them on little evidence; a vote skips them and judges the large part at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.tree_search import TreeSearch
+
+
+@dataclass(frozen=True)
+class VoteOptions:
+    """How many votes are counted."""
+
+    parts: int = 8
+    """Parts that explain too little, largest lack first, that votes are cast for."""
+    placements: int = 5
+    """Placements of each."""
+    anchors: int = 3
+    """Parts on the way to the best explained one, nearest first, that each placement is reached from."""
+    starts: int = 12
+    """Random starts of the joints between them."""
+    kept: int = 2
+    """Solutions of each."""
+    tolerance: float = 0.03
+    """Distance (model diagonals) that the joints may leave."""
+    explained: float = 0.5
+    """Share of the surface that usually shows up in a scan, from which a part counts as right."""
+    least_points: int = 25
+    """Unexplained points that are worth a vote."""
+
+
+def voted(search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int) -> Candidates | None:
+    """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none."""
+    distances, owners = search.owners(solution)
+    unexplained = distances > search.reach
+    if unexplained.sum() < options.least_points:
+        return None
+    share = search.explained_shares(owners)
+    lack = np.where(search.exists, search.weights * (1.0 - np.minimum(share, 1.0)), 0.0)
+    wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0 and share[i] < 1.0]
+    right = search.exists & (share > options.explained)
+    if not wrong or not right.any():
+        return None
+    best = int(np.argmax(search.weights * np.minimum(share, 1.0)))
+    weights = np.where(unexplained, 1.0, search.options.explained_weight).astype(np.float32)
+    found = search.part_hypotheses(np.array(wrong, np.int32), seed, options.placements, weights)
+    tasks = [
+        (row, anchor)
+        for row, part in enumerate(found.parts)
+        for anchor in _towards(search.parent, int(part), best, right, options.anchors)
+    ]
+    if not tasks:
+        return None
+    rows, anchors = (np.array(column) for column in zip(*tasks, strict=True))
+    reached = Candidates(
+        *search.native.reach(
+            solution.bases, solution.values, np.zeros(len(tasks), np.int32), anchors.astype(np.int32),
+            found.parts[rows], np.ascontiguousarray(found.placements[rows]), seed, options.starts, options.kept,
+            options.tolerance,
+        )
+    )  # fmt: skip
+    return reached if len(reached) else None
+
+
+def _towards(parent: NDArray[np.int32], part: int, goal: int, right: NDArray[np.bool_], count: int) -> list[int]:
+    """Return the parts that are right on the way from `part` to `goal`, nearest first, at most `count`."""
+    above = [goal]
+    while above[-1] > 0:
+        above.append(int(parent[above[-1]]))
+    way = [part]
+    while way[-1] not in above:
+        way.append(int(parent[way[-1]]))
+    way += above[: above.index(way[-1])][::-1]
+    return [node for node in way[1:] if right[node]][:count]
