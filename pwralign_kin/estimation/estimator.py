@@ -204,6 +204,7 @@ class Estimator:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,
+                search.options.distinct,
             )
         return solutions
 

@@ -40,19 +40,18 @@ class RepairOptions:
 
 def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *, turn: bool) -> Candidates:
     """Return the distinct solutions after at most `options.rounds` rounds, best first."""
-    solutions = search.distinct(candidates, options.solutions)
+    solutions = search.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
     for round_ in range(options.rounds):
         moved: list[Candidates] = []
-        for i in range(min(len(solutions), options.late_solutions if round_ >= options.early_rounds else len(solutions))):
-            solution = solutions.take([i])
+        for rank in range(_worth_repair(search, solutions, options, round_)):
+            solution = solutions.take([rank])
             where = np.concatenate([solution.bases[0, :3, 3], solution.values[0]])
             key = tuple(float(v) for v in np.round(where, 2))
-            best = float(solutions.scores[0])
-            if key in done or (i > 0 and solutions.scores[i] < best - options.margin * max(1.0, best)):
+            if key in done:
                 continue
             done.add(key)
-            tried = repair_moves(search, solution, options, round_, sweep=i == 0, turn=turn and round_ == 0)
+            tried = repair_moves(search, solution, options, round_, sweep=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.sifted(tried, options.refined))
         if not moved:
@@ -61,8 +60,18 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
         moves = Candidates.concatenate(moved)
         refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
         found = search.scored(Candidates.concatenate(refined))[0]
-        solutions = search.distinct(Candidates.concatenate([solutions, found]), options.solutions)
+        solutions = search.distinct(Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct)
     return solutions
+
+
+def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
+    """Return how many of the solutions, best first, are repaired in a round."""
+    best = solutions.take([0])
+    wrong = search.poorly_supported(search.scored(best)[1][0]).any()
+    if not wrong and search.unexplained(best) <= options.unexplained:
+        return 1
+    near = solutions.scores >= solutions.scores[0] - options.margin * max(1.0, float(solutions.scores[0]))
+    return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)
 
 
 def repair_moves(
@@ -83,9 +92,8 @@ def repair_moves(
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
     if missing:
-        votes = voted(search, solution, options.votes, seed)
-        if votes is not None:
-            moves.append(votes)
+        votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in (False, True)]
+        moves += [vote for vote in votes if vote is not None]
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if sweep:

@@ -64,7 +64,9 @@ class SearchOptions:
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
     distinct: float = 0.03
-    """Mean displacement of the surface below which two configurations are the same."""
+    """Mean displacement of the surface below which two configurations are the same solution, ..."""
+    alike: float = 0.004
+    """... and below which they are not worth refining both."""
 
 
 class TreeSearch:
@@ -193,9 +195,10 @@ class TreeSearch:
         return Candidates(candidates.bases, candidates.values, total), support
 
     def sifted(self, candidates: Candidates, count: int) -> Candidates:
-        """Return the best `count` candidates by a two-way score on few points, best first."""
+        """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first."""
         total, _, _ = self._score(candidates, self.options.coverage_distance, self.options.sift_points)
-        return Candidates(candidates.bases, candidates.values, total).best_first().take(slice(count))
+        best = Candidates(candidates.bases, candidates.values, total).best_first().take(slice(4 * count))
+        return self.distinct(best, count, self.options.alike)
 
     def coverage(self, candidates: Candidates) -> Float:
         """Return the weighted share of the scan that each candidate explains."""
@@ -239,26 +242,26 @@ class TreeSearch:
         ]
         return np.concatenate(placed, axis=1)
 
-    def distinct(self, candidates: Candidates, count: int) -> Candidates:
-        """Return the best `count` candidates whose surfaces differ by more than `options.distinct` on average."""
+    def distinct(self, candidates: Candidates, count: int, apart: float) -> Candidates:
+        """Return the best `count` candidates whose surfaces differ by more than `apart` on average."""
         ordered = candidates.best_first()
         positions = self.probe_positions(ordered)
         kept: list[int] = []
         for i in range(len(ordered)):
-            apart = [np.linalg.norm(positions[i] - positions[j], axis=1).mean() for j in kept]
-            if not apart or min(apart) > self.options.distinct:
-                kept.append(i)
-            if len(kept) >= count:
+            if len(kept) == count:
                 break
+            distances = np.linalg.norm(positions[kept] - positions[i], axis=-1).mean(axis=-1)
+            if (distances > apart).all():
+                kept.append(i)
         return ordered.take(np.array(kept, int))
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""
         return float(np.mean(self._distances(candidate, self.observation.points) > self.reach))
 
-    def owners(self, candidate: Candidates) -> tuple[Float, Ints]:
-        """Return per scan point its distance from one candidate (at most 0.06) and the part it lies on, or -1."""
-        return self._assigned(candidate, self.observation.points)
+    def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
+        """Return per scan point its distance (at most 0.06) from the nearest of `parts` of one candidate, and which."""
+        return self._assigned(candidate, self.observation.points, parts)
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
@@ -279,9 +282,9 @@ class TreeSearch:
         return 0.02 + 2 * self.observation.noise
 
     def _distances(self, candidate: Candidates, points: Float) -> Float:
-        return self._assigned(candidate, points)[0]
+        return self._assigned(candidate, points, self.exists)[0]
 
-    def _assigned(self, candidate: Candidates, points: Float) -> tuple[Float, Ints]:
+    def _assigned(self, candidate: Candidates, points: Float, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
         placements = np.ascontiguousarray(self.part_placements(candidate)[0])
-        distance, part, _ = self.native.assign(points, placements, self.exists.astype(np.uint8), 0.06)
+        distance, part, _ = self.native.assign(points, placements, parts.astype(np.uint8), 0.06)
         return np.asarray(distance), np.asarray(part)

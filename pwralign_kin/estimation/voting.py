@@ -32,25 +32,29 @@ class VoteOptions:
     """Solutions of each."""
     tolerance: float = 0.03
     """Distance (model diagonals) that the joints may leave."""
-    explained: float = 0.5
-    """Share of the surface that usually shows up in a scan, from which a part counts as right."""
+    explained: float = 0.6
+    """A part counts as right when this much of its usual share is scanned, against the average of all parts."""
     least_points: int = 25
     """Unexplained points that are worth a vote."""
 
 
-def voted(search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int) -> Candidates | None:
-    """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none."""
-    distances, owners = search.owners(solution)
-    unexplained = distances > search.reach
-    if unexplained.sum() < options.least_points:
+def voted(
+    search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int, *, doubting: bool
+) -> Candidates | None:
+    """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
+
+    When `doubting`, points on parts that explain too little vote too: they may belong to another part.
+    """
+    owners = search.owners(solution, search.exists)[1]
+    share = np.minimum(search.explained_shares(owners), 1.0)
+    lack = np.where(search.exists, search.weights * (1.0 - share), 0.0)
+    wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
+    # A sparse scan shows less of every part.
+    right = search.exists & (share > options.explained * float(share @ search.weights) / float(search.weights.sum()))
+    unexplained = search.owners(solution, right if doubting else search.exists)[0] > search.reach
+    if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
-    share = search.explained_shares(owners)
-    lack = np.where(search.exists, search.weights * (1.0 - np.minimum(share, 1.0)), 0.0)
-    wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0 and share[i] < 1.0]
-    right = search.exists & (share > options.explained)
-    if not wrong or not right.any():
-        return None
-    best = int(np.argmax(search.weights * np.minimum(share, 1.0)))
+    best = int(np.argmax(search.weights * share))
     weights = np.where(unexplained, 1.0, search.options.explained_weight).astype(np.float32)
     found = search.part_hypotheses(np.array(wrong, np.int32), seed, options.placements, weights)
     tasks = [

@@ -119,7 +119,7 @@ std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int 
 
 std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep,
                                                    const float *point_weights) const {
-    constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8;
+    constexpr int anchors = 400, pairs_of_anchor = 12, votes_of_pair = 8;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
@@ -131,7 +131,6 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int 
     const std::vector<int> sampled = order;
     const int count = int(order.size()), anchor_count = std::min(anchors, count);
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
-    const int per_anchor = std::max(1, pairs / std::max(1, anchor_count));
     std::vector<int> near;
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
@@ -141,7 +140,7 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int 
             const float squared = dot(d, d);
             if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
         }
-        for (int b = 0; b < per_anchor && b < int(near.size()); ++b) {
+        for (int b = 0; b < pairs_of_anchor && b < int(near.size()); ++b) {
             std::swap(near[b], near[b + random.below(uint32_t(near.size() - b))]);
             const OrientedPoint &q = field.points[near[b]];
             float Rs[9];

@@ -1,4 +1,5 @@
 #include "search.hpp"
+#include <numeric>
 
 namespace pwr {
 
@@ -151,9 +152,9 @@ std::vector<OrientedPoint> Search::sample_of_points(int most) const {
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
-    constexpr int most_points = 1500;
+    constexpr int few_points = 350, most_points = 1500;
     const std::vector<OrientedPoint> sampled = sample_of_points(most_points);
-    const int n = model.parts, count = int(sampled.size());
+    const int n = model.parts;
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
@@ -161,14 +162,13 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         int child = 1;
         while (model.actuated[child] != task.joint) ++child;
         // With the base moving the first part on the joint stands still, and all that hangs rigidly on it.
-        std::vector<uint8_t> hangs(n, 0), moves(n), stays(n), exists(n);
+        std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
         for (int p = 1; p < n; ++p)
             hangs[p] = hangs[model.parent[p]] || (task.base_moves ? p == child : model.actuated[p] == task.joint);
         for (int p = 0; p < n; ++p) {
             const bool is_moving = task.base_moves ? !hangs[p] : hangs[p];
-            exists[p] = model.surface[p].exists;
-            moves[p] = is_moving && exists[p];
-            stays[p] = !is_moving && exists[p];
+            moves[p] = is_moving && model.surface[p].exists;
+            stays[p] = !is_moving && model.surface[p].exists;
         }
         std::vector<Rigid> T(n);
         std::vector<RigidF> F(n);
@@ -178,35 +178,41 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         };
         place(c);
         const Rigid held = T[child];
-        const Assignment before = assign(&sampled[0].p, count, 2, T.data(), stays.data(), options.band);
-        Assignment all = before;
-        assign_more(&sampled[0].p, 2, T.data(), moves.data(), all);
-        std::vector<float> support(n, 0.f);
-        // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
-        std::vector<int> owner(field.points.size(), -1);
-        for (int i = 0; i < count; ++i) owner[shuffled[i]] = all.part[i];
-        update_support(owner, F, options.coverage_distance, stays.data(), support.data());
         const Sweep &sweep = sweeps[child];
-        std::vector<float> row;
-        std::vector<Configuration> tried;
-        for (double value : sweep.values) {
-            Configuration moved{c.base, c.values, 0};
-            moved.values[task.joint] = value;
-            if (task.base_moves) {
-                place(moved);
-                moved.base = held * inverse(T[child]) * moved.base;
-            }
-            place(moved);
-            Assignment a = before;
-            assign_more(&sampled[0].p, 2, T.data(), moves.data(), a);
-            for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
-            update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-            moved.score = total_score(coverage(a, sampled, F, options.coverage_distance), support.data());
-            row.push_back(moved.score);
-            tried.push_back(std::move(moved));
+        const int steps = int(sweep.values.size()), window = std::min(2, steps / 8);
+        std::vector<Configuration> tried(steps, {c.base, c.values, 0});
+        for (int v = 0; v < steps; ++v) {
+            tried[v].values[task.joint] = sweep.values[v];
+            if (!task.base_moves) continue;
+            place(tried[v]);
+            tried[v].base = held * inverse(T[child]) * tried[v].base;
         }
-        const int steps = int(row.size()), window = std::min(2, steps / 8);
-        for (int v : best_modes(row, keep, window, sweep.circular)) found[t].push_back(tried[v]);
+        // Few points tell which values are worth a look with many.
+        std::vector<int> modes(steps);
+        std::iota(modes.begin(), modes.end(), 0);
+        for (const int points : {few_points, most_points}) {
+            const int count = std::min<int>(points, int(sampled.size()));
+            const std::vector<OrientedPoint> look(sampled.begin(), sampled.begin() + count);
+            place(c);
+            const Assignment before = assign(&look[0].p, count, 2, T.data(), stays.data(), options.band);
+            Assignment all = before;
+            assign_more(&look[0].p, 2, T.data(), moves.data(), all);
+            std::vector<float> support(n, 0.f), row(steps, -1e9f);
+            // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
+            std::vector<int> owner(field.points.size(), -1);
+            for (int i = 0; i < count; ++i) owner[shuffled[i]] = all.part[i];
+            update_support(owner, F, options.coverage_distance, stays.data(), support.data());
+            for (const int v : modes) {
+                place(tried[v]);
+                Assignment a = before;
+                assign_more(&look[0].p, 2, T.data(), moves.data(), a);
+                for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
+                update_support(owner, F, options.coverage_distance, moves.data(), support.data());
+                tried[v].score = row[v] = total_score(coverage(a, look, F, options.coverage_distance), support.data());
+            }
+            modes = best_modes(row, points == few_points ? 3 * keep : keep, window, sweep.circular);
+        }
+        for (int v : modes) found[t].push_back(tried[v]);
     });
     std::vector<Configuration> out;
     for (auto &f : found) out.insert(out.end(), f.begin(), f.end());
