@@ -161,9 +161,9 @@ class Estimator:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
         solutions = repair(search, candidates, self.options.repair, turn=turn)
         best = solutions.take([0])
-        unsupported = search.poorly_supported(search.scored(best)[1][0])
+        lacking = search.lacking(search.explained_shares(search.owners(best, search.exists)[1]))
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = bool(unsupported.any()) or search.coverage_scale == 1.0
+        doubtful = bool(lacking.any()) or search.coverage_scale == 1.0
         if doubtful and search.unexplained(best) > UNCONVINCING:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions

@@ -25,6 +25,10 @@ class RepairOptions:
     early_rounds: int = 2
     """... for so many rounds; after that only the best ..."""
     late_solutions: int = 2
+    patience: int = 2
+    """Rounds that may pass without ..."""
+    gain: float = 0.002
+    """... this gain of score."""
     margin: float = 0.12
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
@@ -35,6 +39,8 @@ class RepairOptions:
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
     """Share of scan points far from the model below which nothing is missing."""
+    explained: float = 0.002
+    """... and below which only the best solution is repaired."""
     votes: VoteOptions = field(default_factory=VoteOptions)
 
 
@@ -42,6 +48,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     """Return the distinct solutions after at most `options.rounds` rounds, best first."""
     solutions = search.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
+    in_vain = 0
     for round_ in range(options.rounds):
         moved: list[Candidates] = []
         for rank in range(_worth_repair(search, solutions, options, round_)):
@@ -54,21 +61,25 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             tried = repair_moves(search, solution, options, round_, sweep=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.sifted(tried, options.refined))
-        if not moved:
+        if not moved or in_vain == options.patience:
             break
         # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
         moves = Candidates.concatenate(moved)
         refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
         found = search.scored(Candidates.concatenate(refined))[0]
-        solutions = search.distinct(Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct)
+        in_vain = 0 if found.scores.max() > solutions.scores[0] + options.gain else in_vain + 1
+        solutions = search.distinct(
+            Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
+        )
     return solutions
 
 
 def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
     """Return how many of the solutions, best first, are repaired in a round."""
     best = solutions.take([0])
+    unexplained = search.unexplained(best)
     wrong = search.poorly_supported(search.scored(best)[1][0]).any()
-    if not wrong and search.unexplained(best) <= options.unexplained:
+    if unexplained <= options.explained or (not wrong and unexplained <= options.unexplained):
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * max(1.0, float(solutions.scores[0]))
     return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)

@@ -53,6 +53,8 @@ class SearchOptions:
     fine_points: int = 1500
     explained_weight: float = 0.3
     """Weight of scan points that are explained already, when parts are placed in what is left."""
+    lacking: float = 0.6
+    """A part that explains less than this, against the average of all parts, may be wrong."""
     sift_points: int = 800
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
@@ -268,6 +270,15 @@ class TreeSearch:
         counts = np.bincount(owners[owners >= 0], minlength=len(self.exists))
         usual = np.maximum(self.areas * self._usual_share, 1e-9)
         return np.asarray(counts * self.observation.area_per_point / usual, np.float32)
+
+    def lacking(self, shares: Float) -> NDArray[np.bool_]:
+        """Return which parts (parts,) explain too little of the scan, by their `explained_shares`.
+
+        The measure is the average of all parts: a sparse scan shows less of every part.
+        """
+        shares = np.minimum(shares, 1.0)
+        average = float(shares @ self.weights) / float(self.weights[self.exists].sum())
+        return self.exists & (shares <= self.options.lacking * average)
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""

@@ -32,8 +32,6 @@ class VoteOptions:
     """Solutions of each."""
     tolerance: float = 0.03
     """Distance (model diagonals) that the joints may leave."""
-    explained: float = 0.6
-    """A part counts as right when this much of its usual share is scanned, against the average of all parts."""
     least_points: int = 25
     """Unexplained points that are worth a vote."""
 
@@ -47,10 +45,10 @@ def voted(
     """
     owners = search.owners(solution, search.exists)[1]
     share = np.minimum(search.explained_shares(owners), 1.0)
-    lack = np.where(search.exists, search.weights * (1.0 - share), 0.0)
+    lacking = search.lacking(share)
+    right = search.exists & ~lacking
+    lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
     wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
-    # A sparse scan shows less of every part.
-    right = search.exists & (share > options.explained * float(share @ search.weights) / float(search.weights.sum()))
     unexplained = search.owners(solution, right if doubting else search.exists)[0] > search.reach
     if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
