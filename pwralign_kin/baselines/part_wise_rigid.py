@@ -207,11 +207,11 @@ def _part_by_part(
     for part in model.graph.by_size():
         neighbours = [other for other, _ in model.graph.neighbours(part) if other in done]
         ties = np.array([_junction(model, part, other, placed[other]) for other in neighbours]).reshape(-1, 2, 3)
-        T = _tuned(body, part, whole[part], observation, ties, options, random)
+        if neighbours:
+            placed[part] = placed[neighbours[0]] @ inverse(whole[neighbours[0]]) @ whole[part]
+        T = _tuned(body, part, whole[part], placed[part], observation, ties, options, random)
         if T is None:
             skipped.append(part)
-            if neighbours:
-                placed[part] = placed[neighbours[0]] @ inverse(whole[neighbours[0]]) @ whole[part]
         else:
             placed[part] = T
         done.append(part)
@@ -222,12 +222,17 @@ def _tuned(
     body: _Body,
     part: int,
     whole: Array,
+    beside: Array,
     observation: Observation,
     ties: Array,
     options: PartWiseOptions,
     random: np.random.Generator,
 ) -> Array | None:
-    """Return the placement of one part, None where it is to be skipped."""
+    """Return the placement of one part, None where it is to be skipped.
+
+    Kinder to the method than its description: what RANSAC finds must lie on the scan better than the part does
+    where its neighbour takes it (`beside`).
+    """
     from scipy.spatial import cKDTree
 
     own = body.part == part
@@ -241,7 +246,9 @@ def _tuned(
     T, inliers = _ransac(body.local[paired], body.target[paired], ties, samples, options, random)
     if inliers < options.least_correspondences:
         return None
-    T = _icp(body.local[own], cKDTree(region), T, ties, options)
+    tree = cKDTree(region)
+    choices = [_icp(body.local[own], tree, start, ties, options) for start in (T, beside)]
+    T = max(choices, key=lambda choice: _overlap(body.local[own], tree, choice, options))
     gaps = np.linalg.norm(transform(T, ties[:, 0]) - ties[:, 1], axis=1)
     return None if (gaps > options.largest_gap).any() else T
 
@@ -304,6 +311,12 @@ def _icp(source: Array, tree: Any, T: Array, ties: Array, options: PartWiseOptio
             weights = np.concatenate([np.full(near.sum(), 1.0 / near.sum()), np.full(len(ties), options.tie)])
             T = _rigid(pairs[None, :, 0], pairs[None, :, 1], weights)[0]
     return T
+
+
+def _overlap(source: Array, tree: Any, T: Array, options: PartWiseOptions) -> float:
+    """Return the share of the placed points that lie on the scan."""
+    away, _ = tree.query(transform(T, source), distance_upper_bound=options.icp_distances[-1])
+    return float(np.isfinite(away).mean())
 
 
 def _rigid(source: Array, target: Array, weights: Array) -> Array:

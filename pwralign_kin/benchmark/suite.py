@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pwralign_kin.benchmark import calibration, first_use, further, joint_gap, samples, summaries
+from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, summaries
 from pwralign_kin.benchmark.cases import (
     PARKED,
     ROBOTS,
@@ -37,8 +37,13 @@ OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))
 
 GAP_TIERS = ("full", "single")
 
+KNOWN, DRAWN = "12 robots", "further robots"
+"""Robots that the estimator was made with, and those drawn by lot."""
+
 FIGURES = ("cubebot", "viking_lander")
 """What the published method was shown on."""
+
+CURVE_MODELS = (*FIGURES, "panda", "go2", "allegro")
 
 CONFIGURATIONS, FIGURE_CONFIGURATIONS = 3, 10
 
@@ -109,12 +114,12 @@ def further_robots(settings: Settings, progress: Progress) -> Result:
 
 def honest_doubt(settings: Settings, progress: Progress) -> Result:
     """Confidence and standard deviations against the truth, on the robots of the tables "overlay" and "further"."""
-    chosen = settings.robots or (*ROBOTS, *further.accepted(_drawn(progress)))
-    known = tuple(name for name in chosen if name in ROBOTS)
-    drawn = tuple(name for name in chosen if name not in ROBOTS)
-    groups = {f"the {len(known)} robots": known, f"{len(drawn)} further": drawn}
-    outcomes = {name: _as_it_comes(settings, own, progress) for name, own in groups.items() if own}
-    all_of = [outcome for own in outcomes.values() for outcome in own]
+    if settings.robots:
+        all_of = _as_it_comes(settings, settings.robots, progress)
+    else:
+        known, drawn = tuple(ROBOTS), further.accepted(_drawn(progress))
+        all_of = [*_as_it_comes(settings, known, progress), *_as_it_comes(settings, drawn, progress)]
+    outcomes = dict(summaries.grouped(all_of, lambda own: KNOWN if own.robot in ROBOTS else DRAWN))
     by_tier = dict(summaries.grouped(all_of, lambda outcome: outcome.tier))
     return Result(
         "\n".join(
@@ -171,12 +176,21 @@ def joint_gaps(settings: Settings, progress: Progress) -> Result:
     return Result(joint_gap.table(gaps), gaps)
 
 
+def degradation(settings: Settings, progress: Progress) -> Result:
+    """Scans that get worse, beside the part-wise rigid baseline."""
+    models = _models(settings, settings.robots or CURVE_MODELS)
+    points = curves.measure(models, settings.configurations or CONFIGURATIONS, settings.threads, progress)
+    text = "\n".join([curves.curves_table(points), curves.methods_table(points)])
+    return Result(text, points, curves.curve_pictures(points))
+
+
 TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
     {
         "overlay": overlay,
         "further": further_robots,
-        "calibration": honest_doubt,
         "figures": figure_models,
+        "calibration": honest_doubt,
+        "curves": degradation,
         "ablation": ablation,
         "correspondences": correspondences,
         "first-use": first_use_costs,
