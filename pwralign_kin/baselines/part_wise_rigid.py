@@ -34,7 +34,7 @@ _NO_TIES = np.empty((0, 2, 3))
 class PartWiseOptions:
     """Settings. Lengths in model diagonals."""
 
-    spacing: float = 0.015
+    spacing: float = 0.02
     """Cell of the model's downsampling; ..."""
     least_points: int = 50
     """... a part keeps at least so many points where it has them."""
@@ -54,7 +54,8 @@ class PartWiseOptions:
     icp_distances: tuple[float, ...] = (0.08, 0.04, 0.02)
     """Farthest pairs of ICP, coarse to fine, ..."""
     icp_iterations: int = 15
-    """... with so many iterations each."""
+    """... with so many iterations each, or fewer when no entry of the placement changes by this."""
+    icp_tolerance: float = 1e-4
     seed: int = 0
 
 
@@ -134,7 +135,7 @@ def openings(model: ArticulatedModel, T_scan_parts: Array) -> dict[str, Opening]
 
 def _body(model: ArticulatedModel, start: Array, observation: Observation, options: PartWiseOptions) -> _Body:
     """Downsample the model and match its features to the scan's."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
 
     points, local, normals, part = [], [], [], []
     for index, surface in enumerate(model.surfaces):
@@ -147,8 +148,8 @@ def _body(model: ArticulatedModel, start: Array, observation: Observation, optio
     source, owner = np.concatenate(points), np.concatenate(part)
     of_model = _features(source, np.concatenate(normals), options)
     of_scan = _features(observation.points.astype(float), observation.normals.astype(float), options)
-    _, nearest = cKDTree(of_scan).query(of_model)
-    _, back = cKDTree(of_model).query(of_scan)
+    apart = cdist(of_model, of_scan)
+    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
     mutual = owner[back[nearest]] == owner
     return _Body(source, np.concatenate(local), owner, observation.points[nearest].astype(float), mutual)
 
@@ -309,7 +310,9 @@ def _icp(source: Array, tree: Any, T: Array, ties: Array, options: PartWiseOptio
                 return T
             pairs = np.concatenate([np.stack([source[near], tree.data[nearest[near]]], axis=1), ties])
             weights = np.concatenate([np.full(near.sum(), 1.0 / near.sum()), np.full(len(ties), options.tie)])
-            T = _rigid(pairs[None, :, 0], pairs[None, :, 1], weights)[0]
+            before, T = T, _rigid(pairs[None, :, 0], pairs[None, :, 1], weights)[0]
+            if np.abs(T - before).max() < options.icp_tolerance:
+                break
     return T
 
 

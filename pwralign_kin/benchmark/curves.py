@@ -80,8 +80,8 @@ class Point:
     configuration: int
     method: str
     overlay: bool = False
-    recall: float = 0.0
-    """Share of the observed parts that are found."""
+    parts: float = 0.0
+    """Share of the observed parts whose true surface lies on the posed model, whichever part is there."""
 
     gap: float = float("nan")
     """Widest opening of a joint, model diagonals."""
@@ -91,7 +91,7 @@ class Point:
 
     def __str__(self) -> str:
         """Return one line for the progress display."""
-        verdict = self.fault or f"{self.recall:.0%} of the parts, widest gap {100 * self.gap:.1f}% D"
+        verdict = self.fault or f"{self.parts:.0%} of the parts, widest gap {100 * self.gap:.1f}% D"
         return f"{self.model}-{self.configuration} {self.curve} {self.level:g} [{self.method}] {verdict}"
 
 
@@ -137,32 +137,32 @@ def measure(models: Models, configurations: int, threads: int, progress: Progres
 
 
 def curves_table(points: Sequence[Point]) -> str:
-    """Return the share of right overlays and of parts found at every level, all models together."""
+    """Return the share of right overlays and of parts overlaid at every level, all models together."""
     methods = list(dict.fromkeys(point.method for point in points))
     heads = ["curve", " level"]
-    heads += [f" {method}: {column}" for method in methods for column in ("overlay", "parts found")]
+    heads += [f" {method}: {column}" for method in methods for column in ("overlay", "parts")]
     rows = []
     for curve, level in dict.fromkeys((point.curve, point.level) for point in points):
         cells = []
         for method in methods:
             own = [p for p in points if (p.curve, p.level, p.method) == (curve, level, method)]
-            found = 100 * float(np.mean([p.recall for p in own]))
-            cells += [share([p.overlay for p in own]), figure(found, "%", 0)]
+            overlaid = 100 * float(np.mean([p.parts for p in own]))
+            cells += [share([p.overlay for p in own]), figure(overlaid, "%", 0)]
         shown = CURVES[curve]
         rows.append([shown.title, f"{level * shown.scale:g}{shown.unit[:1]}", *cells])
     return markdown(heads, rows)
 
 
 def methods_table(points: Sequence[Point]) -> str:
-    """Return for every model and method how many parts are found, how far joints open, and the time."""
-    heads = ["model", "method", " overlay", " parts found", " widest gap median", " time median", " errors"]
+    """Return for every model and method how many parts are overlaid, how far joints open, and the time."""
+    heads = ["model", "method", " overlay", " parts overlaid", " widest gap median", " time median", " errors"]
     rows = []
     for model, method in dict.fromkeys((point.model, point.method) for point in points):
         own = [point for point in points if (point.model, point.method) == (model, method)]
         rows.append(
             [
                 model, method, share([point.overlay for point in own]),
-                figure(100 * float(np.mean([point.recall for point in own])), "%", 0),
+                figure(100 * float(np.mean([point.parts for point in own])), "%", 0),
                 figure(100 * median([point.gap for point in own if not point.fault]), "% D", 1),
                 figure(median([point.seconds for point in own]), " s"), str(sum(bool(p.fault) for p in own)),
             ]
@@ -171,7 +171,7 @@ def methods_table(points: Sequence[Point]) -> str:
 
 
 def curve_pictures(points: Sequence[Point]) -> dict[str, bytes]:
-    """Return a PNG for every curve: a panel per model, parts found against the level."""
+    """Return a PNG for every curve: a panel per model, parts overlaid against the level."""
     names = dict.fromkeys(point.curve for point in points)
     return {f"curves_{name}.png": _picture(name, [p for p in points if p.curve == name]) for name in names}
 
@@ -199,8 +199,9 @@ def _placed(
         logger.warning("%s", error)
         return replace(point, seconds=time.perf_counter() - start, fault=f"{type(error).__name__}: {error}")
     seconds = time.perf_counter() - start
-    score = ruler.score_parts(reference, placements)
-    return replace(point, overlay=score.overlay, recall=score.recall, gap=gap, seconds=seconds)
+    overlay = ruler.score_parts(reference, placements).overlay
+    parts = float(np.mean(list(ruler.overlaid_parts(reference, placements))))
+    return replace(point, overlay=overlay, parts=parts, gap=gap, seconds=seconds)
 
 
 def _picture(name: str, points: Sequence[Point]) -> bytes:
@@ -212,7 +213,7 @@ def _picture(name: str, points: Sequence[Point]) -> bytes:
     for axes, model in zip(panels, models, strict=True):
         for method, style in zip(METHODS, ("o-", "s--", "^:"), strict=True):
             own = [point for point in points if (point.model, point.method) == (model, method)]
-            means = [_mean(p.recall for p in own if p.level == level) for level in curve.levels]
+            means = [_mean(p.parts for p in own if p.level == level) for level in curve.levels]
             axes.plot(np.array(curve.levels) * curve.scale, 100 * np.array(means), style, markersize=4, label=method)
         axes.set(title=model, xlabel=f"{curve.title}\n{curve.unit}".strip(), ylim=(-3, 103))
         axes.grid(alpha=0.3)
@@ -220,7 +221,7 @@ def _picture(name: str, points: Sequence[Point]) -> bytes:
             axes.set_xscale("log")
             axes.set_xticks(curve.levels, [f"{level:g}" for level in curve.levels], minor=False)
             axes.minorticks_off()
-    panels[0].set_ylabel("parts found, %")
+    panels[0].set_ylabel("parts overlaid, %")
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return as_png(picture)
 

@@ -7,7 +7,7 @@ vertices) is below 2% of the model's diagonal. A turn about a part's own symmetr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,11 +140,16 @@ class Ruler:
         Every observed part's true surface must lie on the posed model, and as many parts of the posed model
         on the true one.
         """
-        true = reference.placements
-        if not all(self._distance_to_all(i, true, placements) < OVERLAID for i in reference.observed):
+        if not all(self.overlaid_parts(reference, placements)):
             return False
+        true = reference.placements
         right = sum(self._distance_to_all(i, placements, true) < OVERLAID for i in self.samples)
         return right >= len(reference.observed)
+
+    def overlaid_parts(self, reference: Reference, placements: Array) -> Iterator[bool]:
+        """Yield for each observed part whether its true surface lies on the posed model, whichever part is there."""
+        for part in reference.observed:
+            yield self._distance_to_all(part, reference.placements, placements) < OVERLAID
 
     def joint_errors(self, reference: Reference, answer: State) -> dict[str, float]:
         """Return the error of each joint: degrees, or percent of a slide's range."""

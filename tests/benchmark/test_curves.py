@@ -12,16 +12,16 @@ from pwralign_kin.model import ArticulatedModel
 
 
 def test_every_method_meets_every_level(twins: ArticulatedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(curves, "CURVES", {"noise": replace(CURVES["noise"], levels=(0.0, 0.3))})
+    monkeypatch.setattr(curves, "CURVES", {"points": replace(CURVES["points"], levels=(400, 3))})
     lines: list[str] = []
-    points = curves.measure([("twins", twins)], 1, 1, lines.append)
+    points = curves.measure([("twins", twins)], 1, 2, lines.append)
     assert [(point.level, point.method) for point in points] == [
-        (level, method) for level in (0.0, 0.3) for method in (OURS, BASELINE, GUIDED)
+        (level, method) for level in (400, 3) for method in (OURS, BASELINE, GUIDED)
     ]
     assert len(lines) == 6
-    clear, drowned = points[0], points[3]
-    assert clear.overlay and clear.recall == 1.0 and clear.gap == 0.0
-    assert not drowned.overlay
+    assert points[0].overlay and points[0].parts == 1.0 and points[0].gap == 0.0
+    assert not any(point.fault for point in points[:3])
+    assert all(point.fault.startswith("ScanError: ") and not point.overlay for point in points[3:])
 
 
 def test_points_per_part_count_the_parts() -> None:
