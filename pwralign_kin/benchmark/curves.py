@@ -13,7 +13,7 @@ import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import part_wise_rigid
 from pwralign_kin.benchmark.calibration import as_png
-from pwralign_kin.benchmark.metrics import Reference, Ruler
+from pwralign_kin.benchmark.metrics import FOUND, Reference, Ruler
 from pwralign_kin.benchmark.runs import Models, Progress
 from pwralign_kin.benchmark.table import figure, markdown, median, share
 from pwralign_kin.estimation import EstimatorOptions, estimate
@@ -81,7 +81,7 @@ class Point:
     method: str
     overlay: bool = False
     parts: float = 0.0
-    """Share of the observed parts whose true surface lies on the posed model, whichever part is there."""
+    """Share of the observed parts that are found, or whose true surface another part lies on."""
 
     gap: float = float("nan")
     """Widest opening of a joint, model diagonals."""
@@ -137,10 +137,10 @@ def measure(models: Models, configurations: int, threads: int, progress: Progres
 
 
 def curves_table(points: Sequence[Point]) -> str:
-    """Return the share of right overlays and of parts overlaid at every level, all models together."""
+    """Return the share of right overlays and of parts right at every level, all models together."""
     methods = list(dict.fromkeys(point.method for point in points))
     heads = ["curve", " level"]
-    heads += [f" {method}: {column}" for method in methods for column in ("overlay", "parts")]
+    heads += [f" {method}: {column}" for method in methods for column in ("overlay", "parts right")]
     rows = []
     for curve, level in dict.fromkeys((point.curve, point.level) for point in points):
         cells = []
@@ -155,7 +155,7 @@ def curves_table(points: Sequence[Point]) -> str:
 
 def methods_table(points: Sequence[Point]) -> str:
     """Return for every model and method how many parts are overlaid, how far joints open, and the time."""
-    heads = ["model", "method", " overlay", " parts overlaid", " widest gap median", " time median", " errors"]
+    heads = ["model", "method", " overlay", " parts right", " widest gap median", " time median", " errors"]
     rows = []
     for model, method in dict.fromkeys((point.model, point.method) for point in points):
         own = [point for point in points if (point.model, point.method) == (model, method)]
@@ -171,7 +171,7 @@ def methods_table(points: Sequence[Point]) -> str:
 
 
 def curve_pictures(points: Sequence[Point]) -> dict[str, bytes]:
-    """Return a PNG for every curve: a panel per model, parts overlaid against the level."""
+    """Return a PNG for every curve: a panel per model, parts right against the level."""
     names = dict.fromkeys(point.curve for point in points)
     return {f"curves_{name}.png": _picture(name, [p for p in points if p.curve == name]) for name in names}
 
@@ -199,29 +199,29 @@ def _placed(
         logger.warning("%s", error)
         return replace(point, seconds=time.perf_counter() - start, fault=f"{type(error).__name__}: {error}")
     seconds = time.perf_counter() - start
-    overlay = ruler.score_parts(reference, placements).overlay
-    parts = float(np.mean(list(ruler.overlaid_parts(reference, placements))))
-    return replace(point, overlay=overlay, parts=parts, gap=gap, seconds=seconds)
+    score, overlaid = ruler.score_parts(reference, placements), ruler.overlaid_parts(reference, placements)
+    right = [error < FOUND or covered for error, covered in zip(score.part_errors.values(), overlaid, strict=True)]
+    return replace(point, overlay=score.overlay, parts=float(np.mean(right)), gap=gap, seconds=seconds)
 
 
 def _picture(name: str, points: Sequence[Point]) -> bytes:
     from matplotlib.figure import Figure
 
     curve, models = CURVES[name], list(dict.fromkeys(point.model for point in points))
-    picture = Figure(figsize=(2.5 * len(models), 2.9), dpi=100, layout="constrained")
+    picture = Figure(figsize=(max(2.5 * len(models), 6.5), 2.9), dpi=100, layout="constrained")
     panels = picture.subplots(1, len(models), sharey=True, squeeze=False)[0]
     for axes, model in zip(panels, models, strict=True):
         for method, style in zip(METHODS, ("o-", "s--", "^:"), strict=True):
             own = [point for point in points if (point.model, point.method) == (model, method)]
             means = [_mean(p.parts for p in own if p.level == level) for level in curve.levels]
             axes.plot(np.array(curve.levels) * curve.scale, 100 * np.array(means), style, markersize=4, label=method)
-        axes.set(title=model, xlabel=f"{curve.title}\n{curve.unit}".strip(), ylim=(-3, 103))
+        axes.set(title=model, xlabel=f"{curve.title}\n{curve.unit}".strip(), ylim=(-3, 103), yticks=range(0, 101, 25))
         axes.grid(alpha=0.3)
         if curve.logarithmic:
             axes.set_xscale("log")
             axes.set_xticks(curve.levels, [f"{level:g}" for level in curve.levels], minor=False)
             axes.minorticks_off()
-    panels[0].set_ylabel("parts overlaid, %")
+    panels[0].set_ylabel("parts right, %")
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return as_png(picture)
 
