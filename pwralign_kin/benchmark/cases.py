@@ -6,7 +6,7 @@ import json
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -43,7 +43,17 @@ ROBOTS: Mapping[str, str] = MappingProxyType(
 PARKED = "parked"
 """A tier of its own: the sensor of "hololens", but about half of the joints rest at one of their limits."""
 
-SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"]})
+HARSH: Mapping[str, Sensor] = MappingProxyType(
+    {
+        "noisy": Sensor(points=2000, noise=0.02, stray=0.2),
+        "scant": Sensor(points=250, noise=0.005),
+        "torn": replace(TIERS["missing"], missing_share=0.5),
+        "torn-single": replace(TIERS["single"], missing_share=0.4),
+    }
+)
+"""Scans that often hold too little: what an estimate should doubt."""
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH})
 """The sensor of every tier."""
 
 _LEAST_LABELLED = 0.01

@@ -11,6 +11,7 @@ from typing import Any
 
 from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, summaries
 from pwralign_kin.benchmark.cases import (
+    HARSH,
     PARKED,
     ROBOTS,
     Case,
@@ -113,12 +114,12 @@ def further_robots(settings: Settings, progress: Progress) -> Result:
 
 
 def honest_doubt(settings: Settings, progress: Progress) -> Result:
-    """Confidence and standard deviations against the truth, on the robots of the tables "overlay" and "further"."""
-    if settings.robots:
-        all_of = _as_it_comes(settings, settings.robots, progress)
-    else:
-        known, drawn = tuple(ROBOTS), further.accepted(_drawn(progress))
-        all_of = [*_as_it_comes(settings, known, progress), *_as_it_comes(settings, drawn, progress)]
+    """Confidence and standard deviations against the truth, on the cases of two tables and harsher ones."""
+    all_of = []
+    for robots in [settings.robots] if settings.robots else [tuple(ROBOTS), further.accepted(_drawn(progress))]:
+        all_of += _as_it_comes(settings, robots, progress)
+        if not settings.tiers:
+            all_of += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress)
     outcomes = dict(summaries.grouped(all_of, lambda own: KNOWN if own.robot in ROBOTS else DRAWN))
     by_tier = dict(summaries.grouped(all_of, lambda outcome: outcome.tier))
     return Result(
