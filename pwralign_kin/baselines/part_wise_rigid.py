@@ -34,7 +34,7 @@ _NO_TIES = np.empty((0, 2, 3))
 class PartWiseOptions:
     """Settings. Lengths in model diagonals."""
 
-    spacing: float = 0.02
+    spacing: float = 0.015
     """Cell of the model's downsampling; ..."""
     least_points: int = 50
     """... a part keeps at least so many points where it has them."""
@@ -66,7 +66,7 @@ class Opening:
     gap: float
     """Distance of the joint's two sides, m; for a slide, across its axis."""
     tilt: float
-    """Angle between the joint's axis on both sides, rad."""
+    """Angle between the joint's axis on both sides, rad; NaN where several joints follow each other."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class PartWiseRigid:
     skipped: tuple[str, ...]
     """Parts that moved with a neighbour."""
     openings: Mapping[str, Opening]
-    """By the joint between two parts with geometry."""
+    """By the joint (the last of several) between two parts with geometry."""
 
 
 @dataclass(frozen=True)
@@ -118,18 +118,56 @@ def part_wise_rigid(
 
 
 def openings(model: ArticulatedModel, T_scan_parts: Array) -> dict[str, Opening]:
-    """Return how far the joints between placed parts (parts, 4, 4) are open."""
+    """Return how far the joints between placed parts (parts, 4, 4) are open.
+
+    Of joints in a row without geometry between them the last stands for all.
+    """
     found = {}
-    for index, part in enumerate(model.parts):
+    for junction in _junctions(model):
+        part = model.parts[junction.child]
         joint = part.joint
-        if joint is None or not len(part.faces) or not len(model.parts[part.parent].faces):
+        assert joint is not None  # every part below another has one
+        T_scan_parent, T_scan_child = T_scan_parts[junction.parent], T_scan_parts[junction.child]
+        tilt = float("nan")
+        gap = np.linalg.norm(transform(T_scan_parent, junction.pivot[None])[0] - T_scan_child[:3, 3])
+        if part.parent == junction.parent:
+            T = inverse(T_scan_parent @ joint.T_parent_joint) @ T_scan_child
+            axis = T[:3, :3] @ joint.axis
+            tilt = float(np.arctan2(np.linalg.norm(np.cross(axis, joint.axis)), axis @ joint.axis))
+            if joint.kind == "prismatic":
+                gap = np.linalg.norm(np.cross(T[:3, 3], joint.axis))
+        elif not junction.fixed:
             continue
-        T = inverse(T_scan_parts[part.parent] @ joint.T_parent_joint) @ T_scan_parts[index]
-        offset, axis = T[:3, 3], T[:3, :3] @ joint.axis
-        if joint.kind == "prismatic":
-            offset = offset - (offset @ joint.axis) * joint.axis
-        tilt = np.arctan2(np.linalg.norm(np.cross(axis, joint.axis)), axis @ joint.axis)
-        found[joint.name] = Opening(float(np.linalg.norm(offset)), float(tilt))
+        found[joint.name] = Opening(float(gap), tilt)
+    return found
+
+
+@dataclass(frozen=True)
+class _Junction:
+    """Two parts with geometry that hang together, over one joint or several."""
+
+    parent: int
+    child: int
+    pivot: Array
+    """(3,) the origin of the child in the frame of the parent, with all joints 0, m."""
+    fixed: bool
+    """Whether it stays there whatever the joints do."""
+
+
+def _junctions(model: ArticulatedModel) -> list[_Junction]:
+    """Return the junctions of all parts with geometry."""
+    found = []
+    random = np.random.default_rng(0)
+    count = len(model.joint_names)
+    at_zero, *moved = (model.part_placements(values) for values in (np.zeros(count), *random.normal(size=(2, count))))
+    for index, part in enumerate(model.parts):
+        parent = part.parent
+        while parent >= 0 and not len(model.parts[parent].faces):
+            parent = model.parts[parent].parent
+        if parent >= 0 and len(part.faces):
+            pivot, *others = ((inverse(T[parent]) @ T[index])[:3, 3] for T in (at_zero, *moved))
+            fixed = all(np.allclose(other, pivot, atol=1e-6 * model.diagonal) for other in others)
+            found.append(_Junction(parent, index, pivot, fixed))
     return found
 
 
@@ -205,12 +243,15 @@ def _part_by_part(
 ) -> tuple[Array, list[int]]:
     """Return the placements (parts, 4, 4) of all parts, `whole` as tuned, and which parts were skipped."""
     placed, done, skipped = whole.copy(), list[int](), list[int]()
+    junctions = _junctions(model)
     for part in model.graph.by_size():
-        neighbours = [other for other, _ in model.graph.neighbours(part) if other in done]
-        ties = np.array([_junction(model, part, other, placed[other]) for other in neighbours]).reshape(-1, 2, 3)
-        if neighbours:
-            placed[part] = placed[neighbours[0]] @ inverse(whole[neighbours[0]]) @ whole[part]
-        T = _tuned(body, part, whole[part], placed[part], observation, ties, options, random)
+        own = [junction for junction in junctions if part in (junction.parent, junction.child)]
+        tied = [junction for junction in own if {junction.parent, junction.child} <= {part, *done}]
+        ties = np.array([_tie(model, junction, part, placed) for junction in tied if junction.fixed])
+        if tied:
+            beside = tied[0].child if tied[0].parent == part else tied[0].parent
+            placed[part] = placed[beside] @ inverse(whole[beside]) @ whole[part]
+        T = _tuned(body, part, whole[part], placed[part], observation, ties.reshape(-1, 2, 3), options, random)
         if T is None:
             skipped.append(part)
         else:
@@ -254,13 +295,13 @@ def _tuned(
     return None if (gaps > options.largest_gap).any() else T
 
 
-def _junction(model: ArticulatedModel, part: int, other: int, T_other: Array) -> Array:
-    """Return (2, 3) the joint's origin in the frame of `part`, and where the placed neighbour has it."""
-    child, parent = (part, other) if model.parts[part].parent == other else (other, part)
-    joint = model.parts[child].joint
-    assert joint is not None  # every part below another has one
-    ends = {child: np.zeros(3), parent: joint.T_parent_joint[:3, 3] / model.diagonal}
-    return np.stack([ends[part], transform(T_other, ends[other][None])[0]])
+def _tie(model: ArticulatedModel, junction: _Junction, part: int, placed: Array) -> Array:
+    """Return (2, 3) where the junction is in the frame of `part`, and where the part placed before has it."""
+    pivot, origin = junction.pivot / model.diagonal, np.zeros(3)
+    own, other, T_other = (
+        (pivot, origin, placed[junction.child]) if junction.parent == part else (origin, pivot, placed[junction.parent])
+    )
+    return np.stack([own, transform(T_other, other[None])[0]])
 
 
 def _ransac(

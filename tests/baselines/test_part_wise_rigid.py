@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,30 @@ def test_openings_are_measured_at_the_joints(arm: ArticulatedModel) -> None:
     opened = openings(arm, torn)
     assert opened["swing"].gap == pytest.approx(0.05) and opened["swing"].tilt == pytest.approx(0.2)
     assert opened["slide"].gap == pytest.approx(0.02)  # along the slide nothing opens
+
+
+def test_joints_without_geometry_between_them_are_one_junction(tmp_path: Path) -> None:
+    """A shoulder of two axes through one point, and an elbow whose axes are apart."""
+    link = '<link name="{}"><visual><geometry><box size="0.2 0.1 0.1"/></geometry></visual></link>'
+    joint = (
+        '<joint name="{}" type="continuous"><origin xyz="{}"/><parent link="{}"/><child link="{}"/>'
+        '<axis xyz="{}"/></joint>'
+    )
+    pieces = [
+        *(link.format(name) for name in ("body", "upper", "lower")),
+        '<link name="twist"/><link name="bend"/>',
+        joint.format("j1", "0.2 0 0", "body", "twist", "1 0 0"),
+        joint.format("j2", "0 0 0", "twist", "upper", "0 0 1"),
+        joint.format("j3", "0.2 0 0", "upper", "bend", "0 1 0"),
+        joint.format("j4", "0.1 0 0", "bend", "lower", "0 0 1"),
+    ]
+    (tmp_path / "limb.urdf").write_text(f'<robot name="limb">{"".join(pieces)}</robot>')
+    limb = ArticulatedModel.from_urdf(tmp_path / "limb.urdf")
+    placed = placements(limb, State(TRUTH.T_scan_base, {"j1": 0.4, "j2": 1.1, "j3": 0.3, "j4": -0.6}))
+    assert set(openings(limb, placed)) == {"j2"}
+    assert openings(limb, placed)["j2"].gap < 1e-12
+    placed[[part.name for part in limb.parts].index("upper"), :3, 3] += [0.0, 0.03, 0.04]
+    assert openings(limb, placed)["j2"].gap == pytest.approx(0.05)
 
 
 def test_a_scan_that_holds_nothing_is_refused(arm: ArticulatedModel) -> None:
