@@ -120,7 +120,8 @@ def reliability_diagram(groups: Groups) -> bytes:
     lower.hist([[own.confidence for own in groups[name]] for name in names], bins=edges.tolist(), label=names)
     upper.set(ylabel="share of right overlays", ylim=(-0.03, 1.03), title="Reliability of the confidence")
     lower.set(xlabel="confidence", ylabel="answers", xlim=(0, 1), yscale="log")
-    upper.legend(loc="upper left", frameon=False)
+    lower.set_ylim(bottom=0.5)
+    upper.legend(loc="lower right")
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return as_png(picture)
