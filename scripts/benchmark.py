@@ -15,20 +15,25 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from pwralign_kin import files
-from pwralign_kin.benchmark.cases import ROBOTS, SENSORS
+from pwralign_kin.benchmark.cases import ROBOTS, SENSORS, sample_names, wheel_robots
 from pwralign_kin.benchmark.provenance import REPORT, provenance
 from pwralign_kin.benchmark.suite import TABLES, Settings
 from pwralign_kin.benchmark.table import plain, with_section
 from pwralign_kin.exceptions import PwralignError
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+SAMPLES = REPOSITORY / "robots"
+PICTURES = REPOSITORY / "docs"
 
 
 def main() -> int:
-    options = _options()
+    try:
+        options = _options()
+    except PwralignError as error:  # the wheel of robots is not installed
+        return _failed(error)
     for name in ("pwralign_kin", "yourdfpy", "trimesh"):  # what these robots need mended is known
         logging.getLogger(name).setLevel(logging.ERROR)
-    settings = Settings(REPOSITORY / "robots", options.robots, options.tiers, options.configurations, options.threads)
+    settings = Settings(SAMPLES, options.robots, options.tiers, options.configurations, options.threads)
     # Where the single results go is of no interest to those who read the tables.
     words = [word for word in sys.argv[1:] if word != str(options.json) and not word.startswith("--json")]
     command = shlex.join(["python", "scripts/benchmark.py", *words])
@@ -45,23 +50,30 @@ def main() -> int:
             if options.json:
                 files.write_text(options.json, json.dumps(report, indent=1) + "\n")
             if options.write:
+                for picture, content in result.pictures.items():
+                    files.write_bytes(PICTURES / picture, content)
                 document = REPOSITORY / REPORT
                 files.write_text(document, with_section(document.read_text(encoding="utf-8"), name, body))
     except PwralignError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        return _failed(error)
     return 0
 
 
+def _failed(error: PwralignError) -> int:
+    print(f"error: {error}", file=sys.stderr)
+    return 1
+
+
 def _options() -> argparse.Namespace:
+    robots = [*wheel_robots(), *sample_names(SAMPLES)]
     parser = argparse.ArgumentParser(description="Measure how well and how fast estimates are.", allow_abbrev=False)
     parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES), help="by default all")
-    parser.add_argument("--robots", type=_names(ROBOTS), metavar="A,B", help=f"of {', '.join(ROBOTS)}")
+    parser.add_argument("--robots", type=_names(robots), metavar="A,B", help=f"{', '.join(ROBOTS)}, or others")
     parser.add_argument("--tiers", type=_names(SENSORS), metavar="A,B", help=f"of {', '.join(SENSORS)}")
-    parser.add_argument("--configurations", type=_positive, default=3, help="random states of each robot (3)")
+    parser.add_argument("--configurations", type=_positive, help="random states of each robot (3 or 10)")
     parser.add_argument("--threads", type=_positive, default=2, help="threads of an estimate (2)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write every single result")
-    parser.add_argument("--write", action="store_true", help=f"put the figures into {REPORT}")
+    parser.add_argument("--write", action="store_true", help=f"put the figures into {REPORT} and docs")
     return parser.parse_args()
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -41,7 +43,17 @@ ROBOTS: Mapping[str, str] = MappingProxyType(
 PARKED = "parked"
 """A tier of its own: the sensor of "hololens", but about half of the joints rest at one of their limits."""
 
-SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"]})
+HARSH: Mapping[str, Sensor] = MappingProxyType(
+    {
+        "noisy": Sensor(points=2000, noise=0.02, stray=0.2),
+        "scant": Sensor(points=250, noise=0.005),
+        "torn": replace(TIERS["missing"], missing_share=0.5),
+        "torn-single": replace(TIERS["single"], missing_share=0.4),
+    }
+)
+"""Scans that often hold too little: what an estimate should doubt."""
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH})
 """The sensor of every tier."""
 
 _LEAST_LABELLED = 0.01
@@ -71,15 +83,33 @@ class Case:
         return f"{self.robot}-{self.configuration}-{self.tier}"
 
 
-def load_robot(name: str) -> ArticulatedModel:
-    """Return the model of a robot of `ROBOTS`.
+@cache
+def wheel_robots() -> Mapping[str, str]:
+    """Return the URDF of every robot of the wheel by name: those of `ROBOTS` first, then all others.
 
-    Raises `UnknownNameError` for any other name and `DependencyError` where the wheel is not installed.
+    The others go by the name of their file, which their folder stands before where it is taken.
+    Raises `DependencyError` where the wheel is not installed.
     """
-    if name not in ROBOTS:
-        raise UnknownNameError("benchmark robot", name, ROBOTS)
     robots = _robots_folder()
-    return ArticulatedModel.from_urdf(robots / ROBOTS[name], package_dirs=[robots.parent.parent])
+    found = sorted(path.relative_to(robots) for path in robots.rglob("*.urdf"))
+    others = [path for path in found if path.as_posix() not in ROBOTS.values()]
+    taken = Counter([*ROBOTS, *(path.stem for path in others)])
+    folders = {path: path.parts[0].removesuffix("_description") for path in others}
+    names = {p.stem if taken[p.stem] == 1 else f"{folders[p]}_{p.stem}": p.as_posix() for p in others}
+    return MappingProxyType({**ROBOTS, **names})
+
+
+def load_robot(name: str) -> ArticulatedModel:
+    """Return the model of a robot of `wheel_robots()`.
+
+    Raises `UnknownNameError` for any other name, `DependencyError` where the wheel is not installed, and
+    `ModelError` for those of the wheel that cannot be used.
+    """
+    urdfs = wheel_robots()
+    if name not in urdfs:
+        raise UnknownNameError("benchmark robot", name, urdfs)
+    robots = _robots_folder()
+    return ArticulatedModel.from_urdf(robots / urdfs[name], package_dirs=[robots.parent.parent])
 
 
 def simulated_case(model: ArticulatedModel, robot: str, tier: str, configuration: int) -> Case:

@@ -7,8 +7,8 @@ vertices) is below 2% of the model's diagonal. A turn about a part's own symmetr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,18 +109,24 @@ class Ruler:
 
     def score(self, reference: Reference, answer: State | None) -> Score:
         """Return how right `answer` is; None is as wrong as can be."""
-        names = [self.model.parts[i].name for i in reference.observed]
         if answer is None:
+            names = [self.model.parts[i].name for i in reference.observed]
             return Score(False, False, False, dict.fromkeys(names, float("inf")), {})
-        placements = self.placements(answer)
+        return replace(
+            self.score_parts(reference, self.placements(answer)), joint_errors=self.joint_errors(reference, answer)
+        )
+
+    def score_parts(self, reference: Reference, placements: Array) -> Score:
+        """Return how right parts placed one by one (parts, 4, 4) are, without joint errors."""
         errors = self.part_errors(reference, placements)
+        names = [self.model.parts[i].name for i in reference.observed]
         success = bool((errors < FOUND).all())
         return Score(
             success=success,
             overlay=success or self.overlaid(reference, placements),
             fine=bool((errors < FINE).all()),
             part_errors=dict(zip(names, errors.tolist(), strict=True)),
-            joint_errors=self.joint_errors(reference, answer),
+            joint_errors={},
         )
 
     def part_errors(self, reference: Reference, placements: Array) -> Array:
@@ -134,11 +140,16 @@ class Ruler:
         Every observed part's true surface must lie on the posed model, and as many parts of the posed model
         on the true one.
         """
-        true = reference.placements
-        if not all(self._distance_to_all(i, true, placements) < OVERLAID for i in reference.observed):
+        if not all(self.overlaid_parts(reference, placements)):
             return False
+        true = reference.placements
         right = sum(self._distance_to_all(i, placements, true) < OVERLAID for i in self.samples)
         return right >= len(reference.observed)
+
+    def overlaid_parts(self, reference: Reference, placements: Array) -> Iterator[bool]:
+        """Yield for each observed part whether its true surface lies on the posed model, whichever part is there."""
+        for part in reference.observed:
+            yield self._distance_to_all(part, reference.placements, placements) < OVERLAID
 
     def joint_errors(self, reference: Reference, answer: State) -> dict[str, float]:
         """Return the error of each joint: degrees, or percent of a slide's range."""

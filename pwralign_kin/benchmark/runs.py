@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from pwralign_kin.benchmark.cases import Case, load_robot, simulated_case
-from pwralign_kin.benchmark.methods import Method, answer
+from pwralign_kin.benchmark.cases import Case, simulated_case
+from pwralign_kin.benchmark.evidence import JointDoubt, evidence, joint_doubts
+from pwralign_kin.benchmark.methods import Answer, Method, answer
 from pwralign_kin.benchmark.metrics import Reference, Ruler, Score
+from pwralign_kin.model import ArticulatedModel
 
 Progress = Callable[[str], None]
+Models = Iterable[tuple[str, ArticulatedModel]]
+"""Names and models; best read one by one, for large ones take memory."""
+
+Cases = Iterable[tuple[Ruler, Case]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A case, what measures it, and what one method makes of it."""
+
+    case: Case
+    ruler: Ruler
+    reference: Reference
+    method: str
+    answer: Answer
 
 
 @dataclass(frozen=True)
@@ -27,6 +44,15 @@ class Outcome:
     undetermined: tuple[str, ...]
     """Joints that the estimate calls undetermined."""
 
+    confidence: float
+    """By the estimate; 0 without one."""
+
+    evidence: Mapping[str, float]
+    """What the estimate says for itself; empty without one."""
+
+    joints: tuple[JointDoubt, ...]
+    """What the estimate says of its joints; empty without one."""
+
     seconds: float
     fault: str
 
@@ -43,45 +69,55 @@ class Outcome:
         return f"{case} [{self.method}] {verdict} {error} {self.seconds:.2f} s"
 
 
-def evaluate(
-    robots: Iterable[str],
-    tiers: Iterable[str],
-    configurations: int,
-    methods: Mapping[str, Method],
-    threads: int,
-    progress: Progress,
-) -> list[Outcome]:
-    """Run all methods on all cases of the robots in the tiers.
-
-    The first estimate of all is made twice and counts once: no time includes the loading of libraries.
-    """
-    outcomes: list[Outcome] = []
+def tier_cases(models: Models, tiers: Iterable[str], configurations: int) -> Iterator[tuple[Ruler, Case]]:
+    """Yield the cases of the models in the tiers."""
     tiers = tuple(tiers)
-    for robot in robots:
-        ruler = Ruler(load_robot(robot))
+    for robot, model in models:
+        ruler = Ruler(model)
         for tier in tiers:
             for configuration in range(configurations):
-                case = simulated_case(ruler.model, robot, tier, configuration)
-                reference = ruler.reference(case.truth, case.labels)
-                for name, method in methods.items():
-                    if not outcomes:
-                        answer(method, case, ruler, reference, threads)
-                    outcomes.append(_outcome(name, method, case, ruler, reference, threads))
-                    progress(str(outcomes[-1]))
+                yield ruler, simulated_case(model, robot, tier, configuration)
+
+
+def evaluate(cases: Cases, methods: Mapping[str, Method], threads: int, progress: Progress) -> list[Outcome]:
+    """Run all methods on all cases."""
+    outcomes = []
+    for run in answers(cases, methods, threads):
+        outcomes.append(outcome(run))
+        progress(str(outcomes[-1]))
     return outcomes
 
 
-def _outcome(name: str, method: Method, case: Case, ruler: Ruler, reference: Reference, threads: int) -> Outcome:
-    given = answer(method, case, ruler, reference, threads)
+def answers(cases: Cases, methods: Mapping[str, Method], threads: int) -> Iterator[Run]:
+    """Yield what all methods make of all cases.
+
+    Every method's first case is run twice and counts once: no time includes the loading of libraries.
+    """
+    warm = set()
+    for ruler, case in cases:
+        reference = ruler.reference(case.truth, case.labels)
+        for name, method in methods.items():
+            if name not in warm:
+                answer(method, case, ruler, reference, threads)
+                warm.add(name)
+            yield Run(case, ruler, reference, name, answer(method, case, ruler, reference, threads))
+
+
+def outcome(run: Run) -> Outcome:
+    """Return how right an answer is."""
+    case, given = run.case, run.answer
     found = given.estimate
     return Outcome(
         robot=case.robot,
         tier=case.tier,
         configuration=case.configuration,
-        method=name,
-        score=ruler.score(reference, None if found is None else found.state),
-        told=reference.told,
+        method=run.method,
+        score=run.ruler.score(run.reference, None if found is None else found.state),
+        told=run.reference.told,
         undetermined=() if found is None else found.undetermined,
+        confidence=0.0 if found is None else found.confidence,
+        evidence={} if found is None else evidence(found, case.scan, run.ruler),
+        joints=() if found is None else joint_doubts(run.ruler, run.reference, found),
         seconds=given.seconds,
         fault=given.fault,
     )

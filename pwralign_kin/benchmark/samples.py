@@ -15,9 +15,6 @@ from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.symmetry import in_words_of_truth
 from pwralign_kin.benchmark.table import figure, markdown
 
-NOT_PROMISED = frozenset({("cubebot", "single")})
-"""Scans that are left out: 27 joints between near-equal boxes, of which one view shows too little."""
-
 
 @dataclass(frozen=True)
 class SampleOutcome:
@@ -48,9 +45,8 @@ def evaluate_samples(folder: Path, threads: int, progress: Progress) -> list[Sam
     for name in sample_names(folder):
         ruler = Ruler(load_sample(folder, name))
         for case in sample_cases(ruler.model, folder, name):
-            if (name, case.tier) not in NOT_PROMISED:
-                outcomes.append(_outcome(case, ruler, threads))
-                progress(" ".join([*_row(outcomes[-1]), outcomes[-1].fault]))
+            outcomes.append(_outcome(case, ruler, threads))
+            progress(" ".join([*_row(outcomes[-1]), outcomes[-1].fault]))
     return outcomes
 
 

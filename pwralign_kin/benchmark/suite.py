@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pwralign_kin.benchmark import first_use, joint_gap, samples, summaries
+from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, summaries
 from pwralign_kin.benchmark.cases import (
+    HARSH,
     PARKED,
     ROBOTS,
     Case,
@@ -20,7 +22,7 @@ from pwralign_kin.benchmark.cases import (
     simulated_case,
 )
 from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, Method, with_outside_pairs
-from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate
+from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate, tier_cases
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
 
@@ -36,6 +38,16 @@ OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))
 
 GAP_TIERS = ("full", "single")
 
+KNOWN, DRAWN = "12 robots", "further robots"
+"""Robots that the estimator was made with, and those drawn by lot."""
+
+FIGURES = ("cubebot", "viking_lander")
+"""What the published method was shown on."""
+
+CURVE_MODELS = (*FIGURES, "panda", "go2", "allegro")
+
+CONFIGURATIONS, FIGURE_CONFIGURATIONS = 3, 10
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -50,7 +62,9 @@ class Settings:
     tiers: tuple[str, ...] | None = None
     """None: those of the table."""
 
-    configurations: int = 3
+    configurations: int | None = None
+    """Random states of each model in each tier; None: as many as the table has."""
+
     threads: int = 2
 
 
@@ -64,10 +78,13 @@ class Result:
     records: Any
     """All single results, as dataclasses."""
 
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    """PNGs by file name."""
+
 
 def overlay(settings: Settings, progress: Progress) -> Result:
     """Every robot in every tier, with the default options."""
-    outcomes = _evaluate(settings, ROBOTS, TIERS, {"default": DEFAULT}, progress)
+    outcomes = _as_it_comes(settings, settings.robots or tuple(ROBOTS), progress)
     return Result(
         "\n".join(
             [
@@ -78,6 +95,54 @@ def overlay(settings: Settings, progress: Progress) -> Result:
         ),
         outcomes,
     )
+
+
+def further_robots(settings: Settings, progress: Progress) -> Result:
+    """Robots drawn by lot in every tier, with the default options."""
+    drawn = _drawn(progress)
+    outcomes = _as_it_comes(settings, settings.robots or further.accepted(drawn), progress)
+    return Result(
+        "\n".join(
+            [
+                summaries.overlay_table("tier", outcomes, lambda outcome: outcome.tier),
+                summaries.overlay_table("robot", outcomes, lambda outcome: outcome.robot),
+                further.draws_table(drawn),
+            ]
+        ),
+        {"draws": drawn, "outcomes": outcomes},
+    )
+
+
+def honest_doubt(settings: Settings, progress: Progress) -> Result:
+    """Confidence and standard deviations against the truth, on the cases of two tables and harsher ones."""
+    all_of = []
+    for robots in [settings.robots] if settings.robots else [tuple(ROBOTS), further.accepted(_drawn(progress))]:
+        all_of += _as_it_comes(settings, robots, progress)
+        if not settings.tiers:
+            all_of += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress)
+    outcomes = dict(summaries.grouped(all_of, lambda own: KNOWN if own.robot in ROBOTS else DRAWN))
+    by_tier = dict(summaries.grouped(all_of, lambda outcome: outcome.tier))
+    return Result(
+        "\n".join(
+            [
+                calibration.confidence_table({**outcomes, **by_tier, "all": all_of}),
+                calibration.reliability_table({**outcomes, "all": all_of}),
+                calibration.doubt_table({**outcomes, **by_tier, "all": all_of}),
+            ]
+        ),
+        all_of,
+        {"reliability.png": calibration.reliability_diagram(outcomes)},
+    )
+
+
+def figure_models(settings: Settings, progress: Progress) -> Result:
+    """Cubebot and lander in every tier, with the default options."""
+    outcomes = _evaluate(settings, FIGURES, TIERS, {"default": DEFAULT}, progress, FIGURE_CONFIGURATIONS)
+    by_tier = [
+        summaries.overlay_table(name, own, lambda outcome: outcome.tier)
+        for name, own in summaries.grouped(outcomes, lambda outcome: outcome.robot)
+    ]
+    return Result("\n".join(by_tier), outcomes)
 
 
 def ablation(settings: Settings, progress: Progress) -> Result:
@@ -112,9 +177,21 @@ def joint_gaps(settings: Settings, progress: Progress) -> Result:
     return Result(joint_gap.table(gaps), gaps)
 
 
+def degradation(settings: Settings, progress: Progress) -> Result:
+    """Scans that get worse, beside the part-wise rigid baseline."""
+    models = _models(settings, settings.robots or CURVE_MODELS)
+    points = curves.measure(models, settings.configurations or CONFIGURATIONS, settings.threads, progress)
+    text = "\n".join([curves.curves_table(points), curves.methods_table(points)])
+    return Result(text, points, curves.curve_pictures(points))
+
+
 TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
     {
         "overlay": overlay,
+        "further": further_robots,
+        "figures": figure_models,
+        "calibration": honest_doubt,
+        "curves": degradation,
         "ablation": ablation,
         "correspondences": correspondences,
         "first-use": first_use_costs,
@@ -124,21 +201,46 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
 )
 
 
+@cache
+def _as_it_comes(settings: Settings, robots: tuple[str, ...], progress: Progress) -> list[Outcome]:
+    """Return the outcomes of these robots with the default options; tables of one run share them."""
+    cases = tier_cases(_models(settings, robots), settings.tiers or TIERS, settings.configurations or CONFIGURATIONS)
+    return evaluate(cases, {"default": DEFAULT}, settings.threads, progress)
+
+
+@cache
+def _drawn(progress: Progress) -> list[further.Draw]:
+    """Return the robots drawn by lot, with those refused."""
+    drawn = []
+    for draw in further.draws():
+        progress(str(draw))
+        drawn.append(draw)
+    return drawn
+
+
 def _evaluate(
     settings: Settings,
     robots: Iterable[str],
     tiers: Iterable[str],
     methods: Mapping[str, Method],
     progress: Progress,
+    configurations: int = CONFIGURATIONS,
 ) -> list[Outcome]:
-    robots, tiers = settings.robots or robots, settings.tiers or tiers
-    return evaluate(robots, tiers, settings.configurations, methods, settings.threads, progress)
+    models = _models(settings, settings.robots or robots)
+    cases = tier_cases(models, settings.tiers or tiers, settings.configurations or configurations)
+    return evaluate(cases, methods, settings.threads, progress)
+
+
+def _models(settings: Settings, names: Iterable[str]) -> Iterator[tuple[str, ArticulatedModel]]:
+    """Yield sample models and robots of the wheel by name."""
+    samples = sample_names(settings.samples)
+    for name in names:
+        yield name, load_sample(settings.samples, name) if name in samples else load_robot(name)
 
 
 def _gap_cases(settings: Settings) -> Iterator[tuple[ArticulatedModel, Case]]:
     """Yield a case per robot and tier; with all robots also the sample scans: mimic joints and slides."""
-    for robot in settings.robots or ROBOTS:
-        model = load_robot(robot)
+    for robot, model in _models(settings, settings.robots or ROBOTS):
         for tier in settings.tiers or GAP_TIERS:
             yield model, simulated_case(model, robot, tier, 0)
     if settings.robots is None:

@@ -241,7 +241,7 @@ class ArticulatedModel:
 
 
 def _frozen(values: list[float]) -> Array:
-    array = np.array(values, dtype=np.float64)
+    array = np.array(values, dtype=np.float64) + 0.0  # no -0.0: NumPy takes a range from 0 to it for reversed
     array.flags.writeable = False
     return array
 

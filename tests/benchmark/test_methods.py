@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pwralign_kin.benchmark import methods, runs
+from pwralign_kin.benchmark import methods
 from pwralign_kin.benchmark.cases import simulated_case
 from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, outside_pairs, with_outside_pairs
 from pwralign_kin.benchmark.metrics import Ruler
-from pwralign_kin.benchmark.runs import evaluate
+from pwralign_kin.benchmark.runs import evaluate, tier_cases
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import inverse, transform
 
@@ -45,10 +45,11 @@ def test_a_failure_is_an_answer_that_is_wrong(
         raise RuntimeError("out of luck")
 
     monkeypatch.setattr(methods, "estimate", failing)
-    monkeypatch.setattr(runs, "load_robot", lambda name: ruler.model)
     lines: list[str] = []
-    (outcome,) = evaluate(["twins"], ["sparse"], 1, {"default": DEFAULT}, 1, lines.append)
+    cases = tier_cases([("twins", ruler.model)], ["sparse"], 1)
+    (outcome,) = evaluate(cases, {"default": DEFAULT}, 1, lines.append)
     assert not outcome.score.overlay
+    assert outcome.confidence == 0 and outcome.joints == ()
     assert outcome.fault == "RuntimeError: out of luck"
     assert "MISSED RuntimeError: out of luck" in lines[0]
     assert "out of luck" in caplog.text
@@ -61,11 +62,14 @@ def test_every_ablation_changes_one_thing() -> None:
         assert len(changed) == {"default": 0, "fpfh-no-repair": 2}.get(name, 1), name
 
 
-def test_estimates_are_scored(twins: ArticulatedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "load_robot", lambda name: twins)
+def test_estimates_are_scored(twins: ArticulatedModel) -> None:
     chosen = {"default": DEFAULT, "outside": with_outside_pairs(200, 0.6)}
     lines: list[str] = []
-    outcomes = evaluate(["twins"], ["sparse"], 1, chosen, 1, lines.append)
+    outcomes = evaluate(tier_cases([("twins", twins)], ["sparse"], 1), chosen, 1, lines.append)
     assert [outcome.method for outcome in outcomes] == ["default", "outside"]
     assert all(outcome.score.overlay for outcome in outcomes)
     assert len(lines) == 2
+    assert outcomes[0].evidence["points"] == 600
+    assert all(np.isfinite(figure) for figure in outcomes[0].evidence.values())
+    assert [joint.name for joint in outcomes[0].joints] == list(twins.joint_names)
+    assert {joint.name for joint in outcomes[0].joints if joint.told} == set(outcomes[0].told)

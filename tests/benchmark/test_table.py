@@ -46,7 +46,7 @@ def outcome(
 ) -> Outcome:
     found = error < 0.02
     score = Score(found, found, error < 0.005, {"part": error}, {"hip": joint, "spin": 90.0})
-    return Outcome(robot, "full", 0, method, score, ("hip",), undetermined, 1.5, "")
+    return Outcome(robot, "full", 0, method, score, ("hip",), undetermined, 0.8, {}, (), 1.5, "")
 
 
 def cells(table: str, row: str) -> list[str]:

@@ -177,6 +177,13 @@ def test_a_negative_multiplier_turns_the_range_round(read: Read) -> None:
     assert (model.lower[0], model.upper[0]) == (-0.5, 0.0)
 
 
+def test_limits_that_meet_at_zero_are_no_reversed_range(read: Read) -> None:
+    half = '<limit lower="0" upper="0.5" effort="1" velocity="1"/>'
+    model = read(chain(half, half + mimic("j1", -1)))
+    assert model.lower == model.upper == [0.0]
+    np.random.default_rng(0).uniform(model.lower, model.upper)  # raises for 0.0 to -0.0
+
+
 def test_followers_that_leave_no_range_are_ignored(read: Read) -> None:
     model = read(chain(LIMIT, '<limit lower="3" upper="4" effort="1" velocity="1"/>' + mimic("j1")))
     assert (model.lower[0], model.upper[0]) == (-1, 1) and "'j2'" in the_warning(model)

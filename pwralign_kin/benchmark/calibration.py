@@ -1,0 +1,142 @@
+"""Whether doubt is honest: confidence against overlays, standard deviations against joint errors."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pwralign_kin.benchmark.evidence import JointDoubt
+from pwralign_kin.benchmark.runs import Outcome
+from pwralign_kin.benchmark.table import figure, markdown, share
+from pwralign_kin.se3 import Array
+
+Groups = Mapping[str, Sequence[Outcome]]
+
+BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+SURE = 0.9
+
+
+def confidence_table(groups: Groups) -> str:
+    """Return how well confidence tells right answers from wrong ones, by group."""
+    heads = [
+        "cases", " number", " overlay right", " AUROC", f" confidence of {SURE} or more", " of these right",
+        " confidence below 0.5", " of these right", " calibration error",
+    ]  # fmt: skip
+    rows = []
+    for name, outcomes in groups.items():
+        right = [own.score.overlay for own in outcomes]
+        sure = [own.score.overlay for own in outcomes if own.confidence >= SURE]
+        unsure = [own.score.overlay for own in outcomes if own.confidence < 0.5]
+        rows.append(
+            [
+                name, str(len(right)), share(right), figure(auroc([o.confidence for o in outcomes], right), digits=3),
+                str(len(sure)), share(sure), str(len(unsure)), share(unsure), figure(calibration_error(outcomes)),
+            ]
+        )  # fmt: skip
+    return markdown(heads, rows)
+
+
+def doubt_table(groups: Groups) -> str:
+    """Return how honest standard deviations and undetermined joints are, over all successes of each group."""
+    heads = [
+        "successes", " joints called determined", " truth within 1 std", " within 2", " within 3",
+        " of these that the scan can tell: within 2", " joints that the scan can tell", " of these called determined",
+    ]  # fmt: skip
+    rows = []
+    for name, outcomes in groups.items():
+        joints = [joint for own in outcomes if own.score.success for joint in own.joints]
+        determined = [joint for joint in joints if joint.determined]
+        told = [joint for joint in joints if joint.told]
+        rows.append(
+            [
+                name, str(len(determined)), *(within(determined, stds) for stds in (1, 2, 3)),
+                within([joint for joint in determined if joint.told], 2),
+                str(len(told)), share([joint.determined for joint in told]),
+            ]
+        )  # fmt: skip
+    return markdown(heads, rows)
+
+
+def reliability_table(groups: Groups) -> str:
+    """Return the share of right answers by confidence."""
+    heads = ["confidence", *(f" {column}" for name in groups for column in (f"{name}: mean", "right"))]
+    bins = {name: reliability(outcomes) for name, outcomes in groups.items()}
+    rows = []
+    for index, (low, high) in enumerate(itertools.pairwise(BINS)):
+        cells = []
+        for name in groups:
+            mean, right = bins[name][index]
+            cells += [figure(mean), share(right)]
+        rows.append([f"{low:.1f} to {high:.1f}", *cells])
+    return markdown(heads, rows)
+
+
+def within(joints: Sequence[JointDoubt], stds: float) -> str:
+    """Return the share of joints whose truth is no farther than so many standard deviations."""
+    return share([joint.error <= stds * joint.std for joint in joints])
+
+
+def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, list[bool]]]:
+    """Return the mean confidence and the verdicts of each bin of confidence."""
+    place = np.digitize([own.confidence for own in outcomes], BINS[1:-1])
+    bins = []
+    for index in range(len(BINS) - 1):
+        own = [outcome for outcome, bin_index in zip(outcomes, place, strict=True) if bin_index == index]
+        mean = float(np.mean([outcome.confidence for outcome in own])) if own else float("nan")
+        bins.append((mean, [outcome.score.overlay for outcome in own]))
+    return bins
+
+
+def calibration_error(outcomes: Sequence[Outcome]) -> float:
+    """Return the mean distance of confidence and share of right answers over the bins, weighted by their sizes."""
+    gaps = [len(right) * abs(mean - float(np.mean(right))) for mean, right in reliability(outcomes) if right]
+    return float(sum(gaps) / max(len(outcomes), 1))
+
+
+def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
+    """Return the chance that a right answer has more confidence than a wrong one, ties by half; NaN without both."""
+    values, verdicts = np.asarray(confidences, float), np.asarray(right, bool)
+    above = np.sign(values[verdicts][:, None] - values[~verdicts][None])
+    return float(0.5 + 0.5 * above.mean()) if above.size else float("nan")
+
+
+def reliability_diagram(groups: Groups) -> bytes:
+    """Return a PNG: share of right answers against confidence, and how many answers have which confidence."""
+    from matplotlib.figure import Figure
+
+    picture = Figure(figsize=(5.2, 5.6), dpi=110, layout="constrained")
+    upper, lower = picture.subplots(2, 1, height_ratios=(3, 1), sharex=True)
+    upper.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="perfectly calibrated")
+    for marker, (name, outcomes) in zip("osD^v", groups.items(), strict=False):
+        filled = [(mean, right) for mean, right in reliability(outcomes) if right]
+        low, middle, high = zip(*(_wilson(right) for _, right in filled), strict=True)
+        spread = np.abs(np.array([low, high]) - middle)
+        upper.errorbar([mean for mean, _ in filled], middle, yerr=spread, marker=marker, capsize=2, label=name)
+    edges, names = np.array(BINS), list(groups)
+    lower.hist([[own.confidence for own in groups[name]] for name in names], bins=edges.tolist(), label=names)
+    upper.set(ylabel="share of right overlays", ylim=(-0.03, 1.03), title="Reliability of the confidence")
+    lower.set(xlabel="confidence", ylabel="answers", xlim=(0, 1), yscale="log")
+    lower.set_ylim(bottom=0.5)
+    upper.legend(loc="lower right")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    return as_png(picture)
+
+
+def as_png(picture: Any) -> bytes:
+    """Return a matplotlib figure as a PNG that has no date in it."""
+    buffer = io.BytesIO()
+    picture.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _wilson(right: Sequence[bool], z: float = 1.0) -> Array:
+    """Return lower end, share, and upper end of the Wilson score interval (Wilson, 1927)."""
+    count, p = len(right), float(np.mean(right))
+    middle = (p + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
+    return np.array([min(middle - half, p), p, max(middle + half, p)])
