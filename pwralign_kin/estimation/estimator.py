@@ -18,6 +18,8 @@ from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene_search import search_regions
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
@@ -110,7 +112,7 @@ class Estimator:
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = observe(scan, self.model.diagonal, self.options.observation, self.threads)
+            observation = self._observe(scan)
             search = self._search(observation, prior, lower, upper)
         if initial is None:
             solutions = self._global(search, correspondences, watch)
@@ -124,6 +126,13 @@ class Estimator:
             solution = self._solve(solver, finished)
             solution, judged = self._judge(search, solver, solution, prior)
         return self._report(scan, search, finished, solution, judged, watch)
+
+    def _observe(self, scan: Scan) -> Observation:
+        model, options = self.model, self.options
+        reach = model_reach(model.kernel_model, model.surfaces)
+        if not is_scene(scan, model.diagonal, reach, options.scene):
+            return observe(scan, model.diagonal, options.observation, self.threads)
+        return observe_scene(scan, model.surfaces, model.diagonal, options.observation, options.scene, self.threads)
 
     def _prior(self, initial: State | None) -> Array:
         """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
@@ -147,6 +156,11 @@ class Estimator:
 
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
+        if search.observation.scene:
+            with watch.stage("regions"):
+                found = search_regions(search, self.options.scene_search, self.options.seed)
+            with watch.stage("repair"):
+                return self._repaired(search, found, turn=True)
         with watch.stage("hypotheses"):
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):

@@ -9,6 +9,8 @@ from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
+from pwralign_kin.estimation.scene import SceneOptions
+from pwralign_kin.estimation.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
 
 
@@ -29,6 +31,8 @@ class EstimatorOptions:
     Correspondences that are passed to `estimate` count besides; with () they are the only source."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
     fpfh: FpfhMatcher = field(default_factory=FpfhMatcher)
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    scene_search: SceneSearchOptions = field(default_factory=SceneSearchOptions)
     search: SearchOptions = field(default_factory=SearchOptions)
     repair: RepairOptions = field(default_factory=RepairOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)

@@ -51,16 +51,25 @@ class SearchOptions:
     """Grown configurations that are refined together."""
     refine_points: int = 900
     fine_points: int = 1500
+    scene_points: int = 4
+    """How many times as many points of a scene are used."""
     sift_points: int = 800
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
+    scene_support_weight: float = 1.5
+    """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
+    scene_normal_penalty: float = 1.8
+    """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene."""
+    scene_mismatch_penalty: float = 0.5
     two_way: bool = True
     """Whether model support counts at all."""
     support_distance: float = 0.035
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
+    near: float = 0.0599
+    """Points of a scene nearer than this should be of the model."""
     distinct: float = 0.03
     """Mean displacement of the surface below which two configurations are the same."""
 
@@ -92,6 +101,10 @@ class TreeSearch:
         native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
         native.coverage_distance = options.coverage_distance
         native.support_weight = options.support_weight
+        if observation.scene:
+            native.support_weight = options.scene_support_weight
+            native.normal_penalty = options.scene_normal_penalty
+            native.mismatch_penalty = options.scene_mismatch_penalty
         native.two_way = options.two_way
         self.coverage_scale = self._coverage_scale(total_area(surfaces))
         native.coverage_scale = self.coverage_scale
@@ -104,6 +117,10 @@ class TreeSearch:
         """Return by how much coverage must be scaled up because the scan holds more than the model."""
         # Share of the visible surface that a single view, or views from all around, usually show.
         share = 0.42 if self.observation.single_view else 0.85
+        if self.observation.scene:
+            # A model may be seen whole in a scene, or little of it: what it explains counts up to what it usually shows.
+            areas, searched = self.observation.areas, self.observation.regions >= 0
+            return float(areas @ self.observation.weights) / min(area * share, float(areas[searched].sum()))
         count = len(self.observation.points)
         expected = max(area * share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
@@ -130,12 +147,12 @@ class TreeSearch:
         order = np.argsort(-self.areas * self.exists, kind="stable")
         return np.array([i for i in order[:count] if self.exists[i]], np.int32)
 
-    def pair_hypotheses(self, seed: int) -> Hypotheses:
-        """Return poses of the largest parts from oriented point pairs."""
+    def pair_hypotheses(self, seed: int, region: int = 0, anchors: int = 400) -> Hypotheses:
+        """Return poses of the largest parts from oriented point pairs of one region, drawn about `anchors` points."""
         o = self.options
         return Hypotheses(
             *self.native.part_hypotheses(
-                self.largest_parts(o.root_parts + self.many * o.more_root_parts), seed, self._per_part
+                self.largest_parts(o.root_parts + self.many * o.more_root_parts), region, anchors, seed, self._per_part
             )
         )
 
@@ -158,11 +175,11 @@ class TreeSearch:
         ]
         return Hypotheses.concatenate(found)
 
-    def promising(self, hypotheses: Hypotheses) -> Hypotheses:
-        """Return the hypotheses worth growing, best first."""
+    def promising(self, hypotheses: Hypotheses, count: int | None = None) -> Hypotheses:
+        """Return the hypotheses worth growing, best first, at most `count`."""
         # A large part explains more: its hypotheses deserve more trials.
         rank = -hypotheses.scores * self.weights[hypotheses.parts] ** 0.3
-        count = self.options.roots + self.many * self.options.more_roots
+        count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
 
     @property
@@ -194,6 +211,8 @@ class TreeSearch:
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
         points = points or len(self.observation.points)
+        if self.observation.scene:
+            points = len(self.observation.points)
         return self.native.score(candidates.bases, candidates.values, points, distance)
 
     def refined(
@@ -211,10 +230,16 @@ class TreeSearch:
             part_weights = np.tile(self.weights, (len(candidates), 1))
         support_weight = support_weight if self.options.two_way else 0.0
         bases, values, _ = self.native.refine(
-            candidates.bases, candidates.values, points or self.options.refine_points, iterations, sigma,
+            candidates.bases, candidates.values, self._spread(points or self.options.refine_points), iterations, sigma,
             self.sigma, support_weight, part_weights,
         )  # fmt: skip
         return Candidates(bases, values, candidates.scores)
+
+    def _spread(self, points: int) -> int:
+        """Return how many points to draw for `points` of them to be about the model."""
+        if not self.observation.scene:
+            return points
+        return min(int((self.observation.regions >= 0).sum()), self.options.scene_points * points)
 
     def part_placements(self, candidates: Candidates) -> Array:
         """Return the placements (m, parts, 4, 4) of all parts."""
@@ -245,7 +270,11 @@ class TreeSearch:
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""
-        return float(np.mean(self._distances(candidate, self.observation.points) > self.reach))
+        distance = self._distances(candidate, self.observation.points)
+        if self.observation.scene:
+            # Most of a scene is other things: only what is searched and near the model should be explained.
+            distance = distance[(self.observation.regions >= 0) & (distance < self.options.near)]
+        return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""

@@ -28,7 +28,7 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
                 if (!field.has_origin || dot(field.sensor - x, n) > 0) {
                     const float facing = std::max(0.f, dot(n, q.n));
                     const float value = (1 - squared / limit) * (.25f + .75f * facing);
-                    sum += s.w[i] * (point_weights ? point_weights[k] : 1.f) * value;
+                    sum += s.w[i] * point_weights[k] * value;
                 }
                 continue;
             }
@@ -99,9 +99,9 @@ void Search::consider(int part, const Rigid &pose, std::vector<Hypothesis> &cand
     const float distance = 1.3f * options.support_distance;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
-    const float early = part_score(part, T, 0, first, distance, nullptr);
+    const float early = part_score(part, T, 0, first, distance, field.weight.data());
     if (early < promising * s.cumulated[first]) return;
-    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, nullptr)) / s.cumulated[last]});
+    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, field.weight.data())) / s.cumulated[last]});
 }
 
 std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep) const {
@@ -115,23 +115,24 @@ std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int 
     return select(candidates, distinct(candidates, keep, .03f));
 }
 
-std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep) const {
-    constexpr int anchors = 400, pairs = 5000, votes_of_pair = 8;
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<int> &points, int anchors,
+                                                   uint64_t seed, int keep) const {
+    constexpr int votes_of_pair = 8, partners = 12;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
     if (table.key.empty()) return candidates;
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
-    const int count = int(field.points.size()), anchor_count = std::min(anchors, count);
-    std::vector<int> order(count);
-    std::iota(order.begin(), order.end(), 0);
+    const int count = int(points.size()), anchor_count = std::min(anchors, count);
+    std::vector<int> order = points;
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
-    const int per_anchor = std::max(1, pairs / std::max(1, anchor_count));
+    // Regions with fewer points than anchors make up for it with more partners.
+    const int per_anchor = std::max(1, anchors * partners / std::max(1, anchor_count));
     std::vector<int> near;
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
         near.clear();
-        for (int j = 0; j < count; ++j) {
+        for (int j : points) {
             const Vec d = field.points[j].p - p.p;
             const float squared = dot(d, d);
             if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
@@ -179,10 +180,14 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
     return best_of(std::move(candidates), keep);
 }
 
-std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep) const {
+std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, int region, int anchors, uint64_t seed,
+                                                int keep) const {
+    std::vector<int> points;
+    for (size_t k = 0; k < field.points.size(); ++k)
+        if (field.region[k] == region) points.push_back(int(k));
     std::vector<std::vector<Hypothesis>> found(parts.size());
     parallel_for(int64_t(parts.size()), options.threads,
-                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], seed, keep); });
+                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], points, anchors, seed, keep); });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
     return all;
@@ -222,7 +227,7 @@ void Search::refine_part(Hypothesis &h, int iterations) const {
         if (!solve_spd(normal.H, normal.g, 6)) break;
         retract(h.T, normal.g, .3);
     }
-    h.score = part_score(h.part, to_float(h.T), 0, s.count(160), options.support_distance, nullptr) /
+    h.score = part_score(h.part, to_float(h.T), 0, s.count(160), options.support_distance, field.weight.data()) /
               s.cumulated[s.count(160)];
 }
 
