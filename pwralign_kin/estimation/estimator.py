@@ -177,7 +177,7 @@ class Estimator:
         best = solutions.take([0])
         unsupported = search.poorly_supported(search.scored(best)[1][0])
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = bool(unsupported.any()) or search.coverage_scale == 1.0
+        doubtful = not search.observation.scene and (bool(unsupported.any()) or search.coverage_scale == 1.0)
         if doubtful and search.unexplained(best) > UNCONVINCING:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions
@@ -236,7 +236,11 @@ class Estimator:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        tight = 0.012 + 1.5 * min(search.observation.noise, 0.012)
+        blur = search.observation.noise
+        if search.observation.scene:
+            # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
+            blur = max(blur, search.residual(solutions.take([0])))
+        tight = 0.012 + 1.5 * min(blur, 0.012)
         total = search.scored(fine)[0].scores + search.scored(fine, tight)[0].scores
         return Candidates(fine.bases, fine.values, total).best_first()
 

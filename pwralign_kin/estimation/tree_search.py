@@ -61,6 +61,8 @@ class SearchOptions:
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
     scene_normal_penalty: float = 1.8
     """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene."""
+    scene_near_penalty: float = 0.0
+    """Gain lost by a point near the model that it does not explain."""
     scene_mismatch_penalty: float = 0.5
     two_way: bool = True
     """Whether model support counts at all."""
@@ -104,6 +106,7 @@ class TreeSearch:
         if observation.scene:
             native.support_weight = options.scene_support_weight
             native.normal_penalty = options.scene_normal_penalty
+            native.near_penalty = options.scene_near_penalty
             native.mismatch_penalty = options.scene_mismatch_penalty
         native.two_way = options.two_way
         self.coverage_scale = self._coverage_scale(total_area(surfaces))

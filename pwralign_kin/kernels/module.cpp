@@ -241,6 +241,7 @@ void bind_search(nb::module_ &m) {
         .def_rw("coverage_distance", &SearchOptions::coverage_distance)
         .def_rw("support_weight", &SearchOptions::support_weight)
         .def_rw("coverage_scale", &SearchOptions::coverage_scale)
+        .def_rw("near_penalty", &SearchOptions::near_penalty)
         .def_rw("mismatch_penalty", &SearchOptions::mismatch_penalty)
         .def_rw("normal_penalty", &SearchOptions::normal_penalty)
         .def_rw("two_way", &SearchOptions::two_way)

@@ -57,7 +57,11 @@ float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float 
         const int k = shuffled[i];
         const float weight = field.weight[k] * field.area[k];
         all += weight;
-        if (a.part[i] < 0 || a.distance[i] >= distance) continue;
+        if (a.part[i] < 0) continue;
+        if (a.distance[i] >= distance) {
+            if (field.region[k] >= 0) sum -= options.near_penalty * weight;
+            continue;
+        }
         const Vec n = rotate(T[a.part[i]], model.surface[a.part[i]].dense[a.sample[i]].n);
         const float share = a.distance[i] / distance;
         sum += weight * (1 - share * share) * (1 - lost + lost * std::abs(dot(n, field.points[k].n)));

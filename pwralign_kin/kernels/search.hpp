@@ -16,6 +16,7 @@ struct SearchOptions {
     float occluded_penalty = .05f;   // of a sample in occluded space
     float mismatch_penalty = .7f;    // share of the penalty for a visible sample on scan of another orientation
     float normal_penalty = .4f;      // of a covered point whose normal is at right angles to the model's
+    float near_penalty = 0;          // of a point near the model that it does not cover
     float contested_penalty = .5f;   // share of the free penalty for a sample that another part explains
     float support_weight = .6f;      // of model support against scan coverage
     float absent_floor = .15f;       // least support of a part, full scans

@@ -14,6 +14,7 @@ from pwralign_kin.se3 import Array, inverse, transform
 from pwralign_kin.simulation.raycasting import Body, DepthImage, World, looking_at
 from pwralign_kin.simulation.simulator import (
     EDGE_JUMP,
+    SimulatedCopy,
     SimulatedScan,
     check_seed,
     complete_state,
@@ -60,7 +61,7 @@ class Room:
 
     second_copy: bool = False
     """Whether another copy of the model, in another configuration, stands farther from the camera. Its points are
-    labelled -1: the nearer one is the truth."""
+    labelled -1, but answers that find it are right too: see `SimulatedScan.copies`."""
 
     distance: tuple[float, float] = (1.6, 2.8)
     """Distance of the camera from the model's middle."""
@@ -125,17 +126,30 @@ def simulate_scene(
     deviation = room.noise * model.diagonal * (image.distance[hit] / (2.0 * model.diagonal)) ** 2
     distance = image.distance[hit] + noise_rng.normal(size=deviation.shape) * deviation
     points = transform(inverse(T_room_camera), origin + distance[:, None] * image.directions[hit])
-    labels = np.where(image.body[hit] < len(model.parts), image.body[hit], -1)
+    body = image.body[hit]
+    T_camera_room = inverse(T_room_camera)
     scan = Scan(points.astype(np.float32), sensor_origin=np.zeros(3), source=f"simulated scene of {model.name}")
     return SimulatedScan(
         scan=scan,
-        state=State(inverse(T_room_camera), given.joints, model.root_link),
-        labels=labels[scan.source_index],
+        state=State(T_camera_room, given.joints, model.root_link),
+        labels=_labels(body, 0, len(model.parts))[scan.source_index],
         part_names=part_names(model),
         view=np.zeros(len(scan.points), np.int64),
         view_origins=np.zeros((1, 3)),
         guess=None,
+        copies=tuple(
+            SimulatedCopy(
+                State(T_camera_room @ copy.T_scan_base, copy.joints, model.root_link),
+                _labels(body, first + len(bodies), len(model.parts))[scan.source_index],
+            )
+            for copy, first in surroundings.copies
+        ),
     )
+
+
+def _labels(body: NDArray[np.int64], first: int, count: int) -> NDArray[np.int64]:
+    """Return the part of each point whose body is one of `count` from `first` on, -1 for the others."""
+    return np.where((body >= first) & (body < first + count), body - first, -1)
 
 
 class _Surroundings:
@@ -154,6 +168,7 @@ class _Surroundings:
         self.side = rng.uniform(*room.size) * self.unit
         self.corner = self.middle[:2] + rng.uniform(-0.25, 0.25, 2) * self.side - self.side / 2.0
         self.bodies: list[Body] = []
+        self.copies: list[tuple[State, int]] = []
 
     def furnish(self) -> None:
         """Put up walls, floor, support, furniture, contacts and the second copy."""
@@ -211,7 +226,8 @@ class _Surroundings:
 
     def _add_copy(self) -> None:
         state = random_state(self.model, int(self.rng.integers(1 << 30)))
-        other = posed_parts(self.model, State(_yaw(self.rng.uniform(0, 2 * np.pi)), state.joints, self.model.root_link))
+        T = _yaw(self.rng.uniform(0.0, 2.0 * np.pi))
+        other = posed_parts(self.model, State(T, state.joints, self.model.root_link))
         vertices = np.concatenate([body for body, _ in other])
         away = float(np.linalg.norm(np.ptp(self.vertices[:, :2], axis=0))) / 2.0
         away += float(np.linalg.norm(np.ptp(vertices[:, :2], axis=0))) / 2.0 + 0.05 * self.unit
@@ -219,7 +235,9 @@ class _Surroundings:
         foot = np.append(self.middle[:2] + away * np.array([np.cos(angle), np.sin(angle)]), self.support)
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
         shift = foot - np.append(middle[:2], vertices[:, 2].min())
+        T[:3, 3] = shift
         self.copy_direction = np.array([np.cos(angle), np.sin(angle)])
+        self.copies.append((State(T, state.joints, self.model.root_link), len(self.bodies)))
         self.bodies += [(placed + shift, faces) for placed, faces in other]
 
     def _add_furniture(self) -> None:

@@ -43,6 +43,15 @@ _MIN_PART_SHARE = 0.01
 
 
 @dataclass(frozen=True)
+class SimulatedCopy:
+    """Another copy of the model in a simulated scene: finding it is as right as finding the first."""
+
+    state: State
+    labels: NDArray[np.int64]
+    """(n,) as `SimulatedScan.labels`, but of this copy."""
+
+
+@dataclass(frozen=True)
 class SimulatedScan:
     """A scan with its truth."""
 
@@ -67,6 +76,9 @@ class SimulatedScan:
 
     guess: State | None
     """A guess near the truth, where the sensor asks for one."""
+
+    copies: tuple[SimulatedCopy, ...] = ()
+    """Other copies of the model in the scene."""
 
     def save(self, folder: Path | str) -> None:
         """Write `scan.ply`, `truth.json`, `labels.npz` and, with a guess, `guess.json` into `folder`.
