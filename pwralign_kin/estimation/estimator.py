@@ -25,13 +25,15 @@ from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
-from pwralign_kin.se3 import Array, inverse
+from pwralign_kin.se3 import Array, inverse, transform
 from pwralign_kin.state import State
 
 WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
+UNCONVINCING_SCENE = 0.2
+"""The same for a scene, of what is near the model: things may touch it."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
@@ -112,13 +114,15 @@ class Estimator:
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = self._observe(scan)
+            observation = self._observe(scan, initial)
             search = self._search(observation, prior, lower, upper)
         if initial is None:
             solutions = self._global(search, correspondences, watch)
         else:
             guess = search.observation.to_search(self.model.root_placement(initial))
             solutions = self._from_guess(search, guess, prior, correspondences, watch)
+        if self.options.near is not None:
+            solutions = search.through(solutions, observation.scaled(np.array([self.options.near])))
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
         with watch.stage("least squares"):
@@ -127,12 +131,40 @@ class Estimator:
             solution, judged = self._judge(search, solver, solution, prior)
         return self._report(scan, search, finished, solution, judged, watch)
 
-    def _observe(self, scan: Scan) -> Observation:
+    def _observe(self, scan: Scan, initial: State | None) -> Observation:
+        """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
-        reach = model_reach(model.kernel_model, model.surfaces)
-        if not is_scene(scan, model.diagonal, reach, options.scene):
+        reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
+        if options.region is None and not is_scene(scan, model.diagonal, reach, options.scene):
             return observe(scan, model.diagonal, options.observation, self.threads)
-        return observe_scene(scan, model.surfaces, model.diagonal, options.observation, options.scene, self.threads)
+        box = self._searched_box(initial, reach)
+        return observe_scene(
+            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
+        )
+
+    def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
+        """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        if self.options.region is not None:
+            low, high = np.array(self.options.region[:3], float), np.array(self.options.region[3:], float)
+        if self.options.near is not None:
+            low = np.maximum(low, np.array(self.options.near) - reach)
+            high = np.minimum(high, np.array(self.options.near) + reach)
+        if initial is not None:
+            placements = self.model.root_placement(initial) @ self.model.part_placements(
+                self.model.values(initial.joints)
+            )
+            placed = np.concatenate(
+                [
+                    transform(T, surface.samples * self.model.diagonal)
+                    for T, surface in zip(placements, self.model.surfaces, strict=True)
+                    if surface.exists
+                ]
+            )
+            margin = self.options.scene.margin * self.model.diagonal
+            low = np.maximum(low, placed.min(axis=0) - margin)
+            high = np.minimum(high, placed.max(axis=0) + margin)
+        return low, high
 
     def _prior(self, initial: State | None) -> Array:
         """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
@@ -214,7 +246,8 @@ class Estimator:
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
-        if search.unexplained(solutions.take([0])) > UNCONVINCING:
+        convincing = UNCONVINCING_SCENE if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > convincing:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,

@@ -29,6 +29,11 @@ class EstimatorOptions:
     sources: tuple[str, ...] = ("pairs",)
     """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences).
     Correspondences that are passed to `estimate` count besides; with () they are the only source."""
+    region: tuple[float, float, float, float, float, float] | None = None
+    """xmin, ymin, zmin, xmax, ymax, zmax (scan frame, m): a box that the model is in. What is outside still hides and
+    frees space, other than after `Scan.cropped`."""
+    near: tuple[float, float, float] | None = None
+    """A point (scan frame, m) on the model or close to its surface."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
     fpfh: FpfhMatcher = field(default_factory=FpfhMatcher)
     scene: SceneOptions = field(default_factory=SceneOptions)

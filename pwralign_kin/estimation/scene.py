@@ -19,12 +19,14 @@ from pwralign_kin.estimation import observation as preparation
 from pwralign_kin.estimation.observation import Float, Observation, ObservationOptions
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model.surface import Surface, total_area
-from pwralign_kin.scan import Scan
+from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
 
 Bools = NDArray[np.bool_]
 
 REACH_CONFIGURATIONS = 60
+MOST_EXTENT = 200.0
+"""Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
 
@@ -91,22 +93,31 @@ def model_reach(native: Any, surfaces: Sequence[Surface]) -> float:
 
 
 def is_scene(scan: Scan, diagonal: float, reach: float, options: SceneOptions) -> bool:
-    """Return whether the scan is much wider than the model can be, strays aside."""
+    """Return whether the scan is much wider than the model can be (`reach`, m), strays aside."""
     low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
     reaches = options.reaches_unseen if origin is None else options.reaches
-    return bool(np.linalg.norm(high - low) > reaches * reach * diagonal)
+    return bool(np.linalg.norm(high - low) > reaches * reach)
 
 
 def observe_scene(
     scan: Scan,
     surfaces: Sequence[Surface],
     diagonal: float,
+    box: tuple[Array, Array],
     preparing: ObservationOptions,
     options: SceneOptions,
     threads: int,
 ) -> Observation:
-    """Prepare a scene for the model with the given `surfaces`. Raises `ScanError` where nothing can be searched."""
+    """Prepare a scene for the model with the given `surfaces`, to be searched between the corners of `box` (m).
+
+    Raises `ScanError` where nothing can be searched.
+    """
+    if scan.diagonal > MOST_EXTENT * diagonal:
+        check_units(scan, diagonal)
+        raise ScanError(
+            scan.source, f"it spans {scan.diagonal / diagonal:.3g} times the model, which is {diagonal:.3g} m across"
+        )
     centre = np.asarray(np.median(scan.points, axis=0))
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     origin = preparation.common_origin(scan, centre, diagonal)
@@ -116,9 +127,12 @@ def observe_scene(
     near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
     normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
     planes = _wide_planes(points, normals, area, _tolerance(points, variance, origin, options), surfaces, options)
+    low, high = ((corner - centre) / diagonal for corner in box)
+    near &= ((points >= low) & (points <= high)).all(axis=1)
     region = _regions(points, area, near & ~planes, total_area(surfaces), options)
     if (region < 0).all():
-        raise ScanError(scan.source, "no part of the scene is as close-meshed as it takes to show the model")
+        where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
+        raise ScanError(scan.source, f"nothing in {where} has points as close together as it takes to show the model")
     kept = np.flatnonzero(_surroundings(points, region >= 0, options.margin))
     searched = region[kept] >= 0
     return _observed(

@@ -61,7 +61,7 @@ class SearchOptions:
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
     scene_normal_penalty: float = 1.8
     """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene."""
-    scene_near_penalty: float = 0.0
+    scene_near_penalty: float = 0.3
     """Gain lost by a point near the model that it does not explain."""
     scene_mismatch_penalty: float = 0.5
     two_way: bool = True
@@ -278,6 +278,11 @@ class TreeSearch:
             # Most of a scene is other things: only what is searched and near the model should be explained.
             distance = distance[(self.observation.regions >= 0) & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
+
+    def through(self, candidates: Candidates, point: Float) -> Candidates:
+        """Return the candidates whose surface is near `point` (1, 3); all of them where none is."""
+        near = [self._distances(candidates.take([i]), point)[0] < self.options.near for i in range(len(candidates))]
+        return candidates.take(np.array(near)) if any(near) else candidates
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
