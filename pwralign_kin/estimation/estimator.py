@@ -189,10 +189,7 @@ class Estimator:
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
         if search.observation.scene:
-            with watch.stage("regions"):
-                found = search_regions(search, self.options.scene_search, self.options.seed)
-            with watch.stage("repair"):
-                return self._repaired(search, found, turn=True)
+            return self._in_scene(search, watch)
         with watch.stage("hypotheses"):
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
@@ -202,6 +199,19 @@ class Estimator:
             refined = search.scored(search.refined(kept))[0]
         with watch.stage("repair"):
             return self._repaired(search, refined, turn=True)
+
+    def _in_scene(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
+        """Search all regions of a scene, again with other samples while the answer leaves much around it unexplained."""
+        several: list[Candidates] = []
+        for attempt in range(self.options.scene_search.attempts):
+            with watch.stage("regions"):
+                found = search_regions(search, self.options.scene_search, self.options.seed + attempt)
+            with watch.stage("repair"):
+                several.append(self._repaired(search, found, turn=True))
+            best = search.distinct(Candidates.concatenate(several), self.options.repair.solutions)
+            if search.unexplained(best.take([0])) <= UNCONVINCING_SCENE:
+                break
+        return best
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""

@@ -42,8 +42,8 @@ class SceneOptions:
     normal_radius: float = 0.045
     """Neighbourhood of the normals that planes are found by."""
     planes: int = 12
-    plane_trials: int = 300
-    plane_sample: int = 4000
+    plane_trials: int = 200
+    plane_sample: int = 3000
     plane_tolerance: float = 0.012
     plane_noises: float = 2.5
     plane_most: float = 0.06
@@ -180,7 +180,10 @@ def _observed(
         raw if origin is not None else np.zeros((0, 3), np.float32),
         pixel, preparing.depth_tolerance, preparing.shadow,
     )  # fmt: skip
-    given, given_normals = preparation.as_given(raw, cell, kept_points, normals, preparing)
+    of_model = np.zeros(len(points), bool)
+    of_model[kept[~planes]] = True
+    mine = of_model[cell]
+    given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing)
     return Observation(
         kept_points, normals, given, given_normals, weight, area, region, True, spacing, noise, origin, field, centre,
         diagonal,

@@ -14,12 +14,14 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 class SceneSearchOptions:
     """How much is tried in every region."""
 
+    attempts: int = 2
+    """Searches at most; one where its answer leaves little around it unexplained."""
     regions: int = 12
     """Regions searched, the largest."""
-    anchors: int = 1200
+    anchors: int = 600
     """Scan points that hypotheses of each part start from, shared among the regions by the root of their area."""
     least_anchors: int = 60
-    roots: int = 240
+    roots: int = 400
     """Part hypotheses that are grown, shared alike."""
     least_roots: int = 8
     refined: int = 120

@@ -27,6 +27,8 @@ class SearchOptions:
     root_parts: int = 7
     """The largest parts that hypotheses start from."""
     hypotheses_per_part: int = 12
+    scene_hypotheses_per_part: int = 28
+    """The same in each region of a scene, where other things look like parts."""
     roots: int = 60
     """Part hypotheses that are grown into whole configurations."""
     many_parts: int = 16
@@ -99,6 +101,7 @@ class TreeSearch:
         self.weights = part_weights(surfaces)
         self.surfaces = surfaces
         self.parent = model.parent
+        self.searched = observation.regions >= 0
         native = kernels.SearchOptions()
         native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
         native.coverage_distance = options.coverage_distance
@@ -122,8 +125,8 @@ class TreeSearch:
         share = 0.42 if self.observation.single_view else 0.85
         if self.observation.scene:
             # A model may be seen whole in a scene, or little of it: what it explains counts up to what it usually shows.
-            areas, searched = self.observation.areas, self.observation.regions >= 0
-            return float(areas @ self.observation.weights) / min(area * share, float(areas[searched].sum()))
+            searched = float(self.observation.areas[self.searched].sum())
+            return searched / min(area * share, searched)
         count = len(self.observation.points)
         expected = max(area * share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
@@ -192,6 +195,8 @@ class TreeSearch:
 
     @property
     def _per_part(self) -> int:
+        if self.observation.scene:
+            return self.options.scene_hypotheses_per_part
         return self.options.hypotheses_per_part + self.many * self.options.more_hypotheses
 
     def grow(self, hypotheses: Hypotheses) -> Candidates:
@@ -213,9 +218,7 @@ class TreeSearch:
         return self._score(candidates, self.options.coverage_distance)[1]
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
-        points = points or len(self.observation.points)
-        if self.observation.scene:
-            points = len(self.observation.points)
+        points = self._spread(points) if points else int(self.searched.sum())
         return self.native.score(candidates.bases, candidates.values, points, distance)
 
     def refined(
@@ -240,9 +243,7 @@ class TreeSearch:
 
     def _spread(self, points: int) -> int:
         """Return how many points to draw for `points` of them to be about the model."""
-        if not self.observation.scene:
-            return points
-        return min(int((self.observation.regions >= 0).sum()), self.options.scene_points * points)
+        return min(int(self.searched.sum()), self.options.scene_points * points) if self.observation.scene else points
 
     def part_placements(self, candidates: Candidates) -> Array:
         """Return the placements (m, parts, 4, 4) of all parts."""
@@ -276,7 +277,7 @@ class TreeSearch:
         distance = self._distances(candidate, self.observation.points)
         if self.observation.scene:
             # Most of a scene is other things: only what is searched and near the model should be explained.
-            distance = distance[(self.observation.regions >= 0) & (distance < self.options.near)]
+            distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
     def through(self, candidates: Candidates, point: Float) -> Candidates:
