@@ -156,7 +156,7 @@ class Estimator:
             )
             placed = np.concatenate(
                 [
-                    transform(T, surface.samples * self.model.diagonal)
+                    transform(T, surface.samples.astype(float) * self.model.diagonal)
                     for T, surface in zip(placements, self.model.surfaces, strict=True)
                     if surface.exists
                 ]
@@ -201,7 +201,7 @@ class Estimator:
             return self._repaired(search, refined, turn=True)
 
     def _in_scene(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
-        """Search all regions of a scene, again with other samples while the answer leaves much around it unexplained."""
+        """Search a scene, again with other samples where the answer leaves much around it unexplained."""
         several: list[Candidates] = []
         for attempt in range(self.options.scene_search.attempts):
             with watch.stage("regions"):
@@ -355,7 +355,10 @@ class Estimator:
         return Estimate(
             state=state,
             cost=-float(finished.scores[0]),
-            confidence=self._confidence(coverage, seen, search, finished),
+            # In a scene the model cannot explain more than it usually shows.
+            confidence=self._confidence(
+                min(1.0, coverage * search.coverage_scale) if observation.scene else coverage, seen, search, finished
+            ),
             inlier_rmse=_rms(distances[explained]),
             scan_coverage=float(explained.mean()),
             model_support=float(seen @ seen_weight),

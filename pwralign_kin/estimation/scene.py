@@ -229,7 +229,7 @@ def _near_enough(
 def _tolerance(points: Float, variance: Float, origin: Float | None, options: SceneOptions) -> Float:
     """Return how far from a plane each point may lie and be of it."""
     noise = _binned_median(np.sqrt(np.maximum(variance, 0)), _range_bins(points, origin, options))
-    return np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most)
+    return np.asarray(np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most))
 
 
 def _wide_planes(
@@ -322,9 +322,7 @@ def _wide_pieces(
     inside = ((at >= 0) & (at < shape)).all(axis=1)
     inside[inside] = covered[tuple(at[inside].T)]
     distance, facing = np.abs((points - centre) @ normal), np.abs(normals @ normal)
-    return np.asarray(
-        inside & (distance < 1.5 * tolerance) & ((facing > 0.8) | (distance < 0.7 * tolerance))
-    )
+    return np.asarray(inside & (distance < 1.5 * tolerance) & ((facing > 0.8) | (distance < 0.7 * tolerance)))
 
 
 def _regions(

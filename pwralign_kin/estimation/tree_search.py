@@ -124,7 +124,7 @@ class TreeSearch:
         # Share of the visible surface that a single view, or views from all around, usually show.
         share = 0.42 if self.observation.single_view else 0.85
         if self.observation.scene:
-            # A model may be seen whole in a scene, or little of it: what it explains counts up to what it usually shows.
+            # Little of the model may be seen: what it explains is measured by what it usually shows.
             searched = float(self.observation.areas[self.searched].sum())
             return searched / min(area * share, searched)
         count = len(self.observation.points)

@@ -4,4 +4,15 @@ from pwralign_kin.simulation.scenes import Room, simulate_scene
 from pwralign_kin.simulation.sensor import FULL, TIERS, GuessError, Sensor
 from pwralign_kin.simulation.simulator import SimulatedCopy, SimulatedScan, random_state, simulate
 
-__all__ = ["FULL", "TIERS", "GuessError", "Room", "Sensor", "SimulatedCopy", "SimulatedScan", "random_state", "simulate", "simulate_scene"]
+__all__ = [
+    "FULL",
+    "TIERS",
+    "GuessError",
+    "Room",
+    "Sensor",
+    "SimulatedCopy",
+    "SimulatedScan",
+    "random_state",
+    "simulate",
+    "simulate_scene",
+]

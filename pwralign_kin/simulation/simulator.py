@@ -183,11 +183,13 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 
 def check_seed(seed: int) -> None:
+    """Raise `ScanError` for a seed that cannot be one."""
     if seed < 0:
         raise ScanError("simulation", f"seed must not be negative, got {seed}")
 
 
 def part_names(model: ArticulatedModel) -> tuple[str, ...]:
+    """Return the names that labels index."""
     return tuple(part.name for part in model.parts)
 
 
@@ -199,6 +201,7 @@ def complete_state(model: ArticulatedModel, state: State) -> State:
 
 
 def posed_parts(model: ArticulatedModel, state: State) -> list[Body]:
+    """Return the body of every part where the state places it."""
     placements = state.T_scan_base @ model.part_placements(model.values(state.joints))
     return [(transform(T, part.vertices), part.faces) for T, part in zip(placements, model.parts, strict=True)]
 

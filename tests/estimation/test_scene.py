@@ -57,9 +57,7 @@ def test_walls_and_floors_are_surroundings_and_the_model_is_searched(
 
 
 def test_only_the_box_is_searched(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    low, high = (
-        getattr(scene.scan.points[scene.labels >= 0], side)(axis=0) for side in ("min", "max")
-    )
+    low, high = (getattr(scene.scan.points[scene.labels >= 0], side)(axis=0) for side in ("min", "max"))
     ready = observed(excavator, scene.scan, (low, high))
 
     searched = ready.points[ready.regions >= 0] * ready.diagonal + ready.centre
@@ -79,6 +77,7 @@ def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedMo
     assert (own & named).sum() > 0.8 * named.sum()
 
 
+@pytest.mark.slow
 def test_a_point_on_one_of_two_copies_finds_that_copy(excavator: pk.ArticulatedModel) -> None:
     scene = simulate_scene(excavator, room=Room(second_copy=True, furniture=2), seed=4)
     (copy,) = scene.copies

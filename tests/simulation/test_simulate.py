@@ -18,6 +18,7 @@ from pwralign_kin.state import State
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
 
+
 def distances(model: ArticulatedModel, state: State, points: np.ndarray) -> np.ndarray:
     """Distances (parts, n) of points in the scan frame to the posed surface of every part, m."""
     import open3d as o3d
