@@ -76,8 +76,16 @@ def read_scan(
     return scan if crop is None else scan.cropped(crop[:3], crop[3:])
 
 
-def in_metres(scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float) -> Scan:
-    """Return the scan in m; raises `UnitError` when `units` cannot be true beside a model of `diagonal` m."""
+def in_metres(
+    scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float, point: tuple[float, float, float] | None = None
+) -> tuple[Scan, tuple[float, float, float] | None]:
+    """Return the scan, and a `point` given in its unit, in m.
+
+    Raises `UnitError` when `units` cannot be true beside a model of `diagonal` m.
+    """
     from pwralign_kin.scan import check_units
 
-    return check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)
+    metres = check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)
+    if point is None or metres is scan:
+        return metres, point
+    return metres, (1e-3 * point[0], 1e-3 * point[1], 1e-3 * point[2])

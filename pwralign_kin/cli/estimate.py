@@ -48,6 +48,10 @@ def estimate(
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
     ] = None,
+    near: Annotated[
+        Triple | None,
+        Parameter(help="x y z: a point on the object, to find it in a scene; unit of the scan.", negative=()),
+    ] = None,
     correspondences: Annotated[
         Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
     ] = None,
@@ -83,8 +87,8 @@ def estimate(
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
         model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
-        points = arguments.in_metres(points, units, model.diagonal)
-        options = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
+        points, hint = arguments.in_metres(points, units, model.diagonal, near)
+        options = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values, near=hint)
         result = estimated(model, points, initial=guess, correspondences=pairs, options=options, progress=show)
         show("writing the result")
         written = [] if out is None else export(result, model, points, out, up=up)

@@ -18,18 +18,22 @@ from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene_search import search_regions
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
-from pwralign_kin.se3 import Array, inverse
+from pwralign_kin.se3 import Array, inverse, transform
 from pwralign_kin.state import State
 
 WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
+UNCONVINCING_SCENE = 0.2
+"""The same for a scene, of what is near the model: things may touch it."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
@@ -110,13 +114,15 @@ class Estimator:
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = observe(scan, self.model.diagonal, self.options.observation, self.threads)
+            observation = self._observe(scan, initial)
             search = self._search(observation, prior, lower, upper)
         if initial is None:
             solutions = self._global(search, correspondences, watch)
         else:
             guess = search.observation.to_search(self.model.root_placement(initial))
             solutions = self._from_guess(search, guess, prior, correspondences, watch)
+        if self.options.near is not None:
+            solutions = search.through(solutions, observation.scaled(np.array([self.options.near])))
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
         with watch.stage("least squares"):
@@ -124,6 +130,41 @@ class Estimator:
             solution = self._solve(solver, finished)
             solution, judged = self._judge(search, solver, solution, prior)
         return self._report(scan, search, finished, solution, judged, watch)
+
+    def _observe(self, scan: Scan, initial: State | None) -> Observation:
+        """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
+        model, options = self.model, self.options
+        reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
+        if options.region is None and not is_scene(scan, model.diagonal, reach, options.scene):
+            return observe(scan, model.diagonal, options.observation, self.threads)
+        box = self._searched_box(initial, reach)
+        return observe_scene(
+            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
+        )
+
+    def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
+        """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        if self.options.region is not None:
+            low, high = np.array(self.options.region[:3], float), np.array(self.options.region[3:], float)
+        if self.options.near is not None:
+            low = np.maximum(low, np.array(self.options.near) - reach)
+            high = np.minimum(high, np.array(self.options.near) + reach)
+        if initial is not None:
+            placements = self.model.root_placement(initial) @ self.model.part_placements(
+                self.model.values(initial.joints)
+            )
+            placed = np.concatenate(
+                [
+                    transform(T, surface.samples.astype(float) * self.model.diagonal)
+                    for T, surface in zip(placements, self.model.surfaces, strict=True)
+                    if surface.exists
+                ]
+            )
+            margin = self.options.scene.margin * self.model.diagonal
+            low = np.maximum(low, placed.min(axis=0) - margin)
+            high = np.minimum(high, placed.max(axis=0) + margin)
+        return low, high
 
     def _prior(self, initial: State | None) -> Array:
         """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
@@ -147,6 +188,8 @@ class Estimator:
 
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
+        if search.observation.scene:
+            return self._in_scene(search, watch)
         with watch.stage("hypotheses"):
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
@@ -157,13 +200,28 @@ class Estimator:
         with watch.stage("repair"):
             return self._repaired(search, refined, turn=True)
 
+    def _in_scene(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
+        """Search a scene, again with other samples where the answer leaves much around it unexplained."""
+        several: list[Candidates] = []
+        for attempt in range(self.options.scene_search.attempts):
+            with watch.stage("regions"):
+                found = search_regions(search, self.options.scene_search, self.options.seed + attempt)
+            with watch.stage("repair"):
+                several.append(self._repaired(search, found, turn=True))
+            best = search.distinct(
+                Candidates.concatenate(several), self.options.repair.solutions, search.options.distinct
+            )
+            if search.unexplained(best.take([0])) <= UNCONVINCING_SCENE:
+                break
+        return best
+
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
         solutions = repair(search, candidates, self.options.repair, turn=turn)
         best = solutions.take([0])
         lacking = search.lacking(search.explained_shares(search.owners(best, search.exists)[1]))
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = bool(lacking.any()) or search.coverage_scale == 1.0
+        doubtful = not search.observation.scene and (bool(lacking.any()) or search.coverage_scale == 1.0)
         if doubtful and search.unexplained(best) > UNCONVINCING:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions
@@ -200,7 +258,8 @@ class Estimator:
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
-        if search.unexplained(solutions.take([0])) > UNCONVINCING:
+        convincing = UNCONVINCING_SCENE if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > convincing:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,
@@ -223,7 +282,11 @@ class Estimator:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        tight = 0.012 + 1.5 * min(search.observation.noise, 0.012)
+        blur = search.observation.noise
+        if search.observation.scene:
+            # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
+            blur = max(blur, search.residual(solutions.take([0])))
+        tight = 0.012 + 1.5 * min(blur, 0.012)
         total = search.scored(fine)[0].scores + search.scored(fine, tight)[0].scores
         return Candidates(fine.bases, fine.values, total).best_first()
 
@@ -295,7 +358,10 @@ class Estimator:
         return Estimate(
             state=state,
             cost=-float(finished.scores[0]),
-            confidence=self._confidence(coverage, seen, search, finished),
+            # In a scene the model cannot explain more than it usually shows.
+            confidence=self._confidence(
+                min(1.0, coverage * search.coverage_scale) if observation.scene else coverage, seen, search, finished
+            ),
             inlier_rmse=_rms(distances[explained]),
             scan_coverage=float(explained.mean()),
             model_support=float(seen @ seen_weight),

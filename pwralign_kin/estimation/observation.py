@@ -75,6 +75,14 @@ class Observation:
     """(r, 3) points as given, `ObservationOptions.given_per_cell` a cell: noisy, but not displaced by any smoothing."""
     given_normals: Float
     """(r, 3) normals of the nearest prepared points."""
+    weights: Float
+    """(m,) how much each point speaks for a part that lies on it: 1, and less for known surroundings."""
+    areas: Float
+    """(m,) surface that each point stands for, relative to the others'."""
+    regions: NDArray[np.int32]
+    """(m,) the region of a scene that each point belongs to, -1 for known surroundings; otherwise all 0."""
+    scene: bool
+    """Whether the scan is mostly of other things than the model."""
     spacing: float
     """Median distance of a point to its sixth neighbour."""
     noise: float
@@ -120,27 +128,40 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     centre = np.asarray(scan.points.mean(axis=0))
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     _check_scale(scan, raw, diagonal, options)
-    origin = _common_origin(scan, centre, diagonal)
+    origin = common_origin(scan, centre, diagonal)
     if options.remove_planes and origin is None:
         raw = _without_wide_plane(raw, options, threads)
     points, _, cell = kernels.voxel_means(raw, options.voxel)
     points, spacing = _without_strays(points, options)
-    noise = _noise(raw)
+    noise = noise_of(raw)
+    points, normals = with_normals(points, noise, spacing, options, threads)
+    normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
+    count = len(points)
+    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    field = kernels.ScanField(
+        points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
+        [] if origin is None else [float(v) for v in origin],
+        raw if origin is not None else np.zeros((0, 3), np.float32),
+        options.depth_pixel, options.depth_tolerance, options.shadow,
+    )  # fmt: skip
+    given, given_normals = as_given(raw, cell, points, normals, options)
+    return Observation(
+        points, normals, given, given_normals, weights, areas, regions, False, spacing, noise, origin, field, centre,
+        diagonal,
+    )  # fmt: skip
+
+
+def with_normals(
+    points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int
+) -> tuple[Float, Float]:
+    """Return the points, pulled onto their local planes where they are noisy, and normals of either sign."""
     radius = options.noisy_radius if noise > options.noisy else options.normal_radius + options.normal_noises * noise
     radius = max(radius, options.neighbour_spacings * spacing)
     normals, means, _, _ = kernels.local_planes(points, radius, threads)
     if noise > options.noisy:
         offset = np.einsum("ij,ij->i", points - means, normals)
         points = np.ascontiguousarray(points - options.pull * offset[:, None] * normals, np.float32)
-    normals = _oriented(points, normals, origin, scan, spacing, centre, diagonal, threads)
-    field = kernels.ScanField(
-        points, normals, options.field_cell, options.field_truncation,
-        [] if origin is None else [float(v) for v in origin],
-        raw if origin is not None else np.zeros((0, 3), np.float32),
-        options.depth_pixel, options.depth_tolerance, options.shadow,
-    )  # fmt: skip
-    given, given_normals = _as_given(raw, cell, points, normals, options)
-    return Observation(points, normals, given, given_normals, spacing, noise, origin, field, centre, diagonal)
+    return points, normals
 
 
 def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
@@ -162,7 +183,7 @@ def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOp
         )
 
 
-def _as_given(
+def as_given(
     raw: Float, cell: NDArray[np.int32], points: Float, normals: Float, options: ObservationOptions
 ) -> tuple[Float, Float]:
     """Return raw points, few of each occupied `cell`, with the normals of the nearest prepared points.
@@ -181,7 +202,7 @@ def _as_given(
     return np.ascontiguousarray(raw[chosen[near]]), np.ascontiguousarray(normals[nearest[near]])
 
 
-def _noise(points: Float) -> float:
+def noise_of(points: Float) -> float:
     """Return the standard deviation of the points from planes through their eight nearest neighbours.
 
     So few neighbours span little of the surface, so that its curvature and its details do not count as noise.
@@ -197,7 +218,7 @@ def _noise(points: Float) -> float:
     return float(np.sqrt(np.median(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0))))
 
 
-def _common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
+def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     """Return the sensor origin in search units if all points share it."""
     origin = scan.sensor_origin
     if origin is None:
@@ -238,7 +259,7 @@ def _without_strays(points: Float, options: ObservationOptions) -> tuple[Float, 
     return np.ascontiguousarray(points), float(np.median(sixth))
 
 
-def _oriented(
+def oriented_normals(
     points: Float,
     normals: Float,
     origin: Float | None,

@@ -9,6 +9,8 @@ from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
+from pwralign_kin.estimation.scene import SceneOptions
+from pwralign_kin.estimation.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
 
 
@@ -27,8 +29,15 @@ class EstimatorOptions:
     sources: tuple[str, ...] = ("pairs",)
     """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences).
     Correspondences that are passed to `estimate` count besides; with () they are the only source."""
+    region: tuple[float, float, float, float, float, float] | None = None
+    """xmin, ymin, zmin, xmax, ymax, zmax (scan frame, m): a box that the model is in. What is outside still hides and
+    frees space, other than after `Scan.cropped`."""
+    near: tuple[float, float, float] | None = None
+    """A point (scan frame, m) on the model or close to its surface."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
     fpfh: FpfhMatcher = field(default_factory=FpfhMatcher)
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    scene_search: SceneSearchOptions = field(default_factory=SceneSearchOptions)
     search: SearchOptions = field(default_factory=SearchOptions)
     repair: RepairOptions = field(default_factory=RepairOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)

@@ -102,7 +102,7 @@ def repair_moves(
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
-    if missing:
+    if missing and not search.observation.scene:
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in (False, True)]
         moves += [vote for vote in votes if vote is not None]
     if not single:

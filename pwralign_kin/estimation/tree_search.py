@@ -27,6 +27,8 @@ class SearchOptions:
     root_parts: int = 7
     """The largest parts that hypotheses start from."""
     hypotheses_per_part: int = 12
+    scene_hypotheses_per_part: int = 28
+    """The same in each region of a scene, where other things look like parts."""
     roots: int = 60
     """Part hypotheses that are grown into whole configurations."""
     many_parts: int = 16
@@ -55,16 +57,27 @@ class SearchOptions:
     """Weight of scan points that are explained already, when parts are placed in what is left."""
     lacking: float = 0.6
     """A part that explains less than this, against the average of all parts, may be wrong."""
+    scene_points: int = 4
+    """How many times as many points of a scene are used."""
     sift_points: int = 800
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
+    scene_support_weight: float = 1.5
+    """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
+    scene_normal_penalty: float = 1.8
+    """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene."""
+    scene_near_penalty: float = 0.3
+    """Gain lost by a point near the model that it does not explain."""
+    scene_mismatch_penalty: float = 0.5
     two_way: bool = True
     """Whether model support counts at all."""
     support_distance: float = 0.035
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
+    near: float = 0.0599
+    """Points of a scene nearer than this should be of the model."""
     distinct: float = 0.03
     """Mean displacement of the surface below which two configurations are the same solution, ..."""
     alike: float = 0.004
@@ -94,10 +107,16 @@ class TreeSearch:
         self.weights = part_weights(surfaces)
         self.surfaces = surfaces
         self.parent = model.parent
+        self.searched = observation.regions >= 0
         native = kernels.SearchOptions()
         native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
         native.coverage_distance = options.coverage_distance
         native.support_weight = options.support_weight
+        if observation.scene:
+            native.support_weight = options.scene_support_weight
+            native.normal_penalty = options.scene_normal_penalty
+            native.near_penalty = options.scene_near_penalty
+            native.mismatch_penalty = options.scene_mismatch_penalty
         native.two_way = options.two_way
         self.coverage_scale = self._coverage_scale(total_area(surfaces))
         native.coverage_scale = self.coverage_scale
@@ -108,6 +127,11 @@ class TreeSearch:
 
     def _coverage_scale(self, area: float) -> float:
         """Return by how much coverage must be scaled up because the scan holds more than the model."""
+        share = self._usual_share
+        if self.observation.scene:
+            # Little of the model may be seen: what it explains is measured by what it usually shows.
+            searched = float(self.observation.areas[self.searched].sum())
+            return searched / min(area * share, searched)
         count = len(self.observation.points)
         expected = max(area * self._usual_share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
@@ -139,18 +163,25 @@ class TreeSearch:
         order = np.argsort(-self.areas * self.exists, kind="stable")
         return np.array([i for i in order[:count] if self.exists[i]], np.int32)
 
-    def pair_hypotheses(self, seed: int) -> Hypotheses:
-        """Return poses of the largest parts from oriented point pairs."""
+    def pair_hypotheses(self, seed: int, region: int = 0, anchors: int = 400) -> Hypotheses:
+        """Return poses of the largest parts from oriented point pairs of one region, drawn about `anchors` points."""
         o = self.options
         largest = self.largest_parts(o.root_parts + self.many * o.more_root_parts)
-        return self.part_hypotheses(largest, seed, self._per_part, np.zeros(0, np.float32))
+        points = np.flatnonzero(self.observation.regions == region)
+        return self.part_hypotheses(largest, points, anchors, seed, self._per_part, self.observation.weights)
 
-    def part_hypotheses(self, parts: Ints, seed: int, count: int, point_weights: Float) -> Hypotheses:
-        """Return at most `count` poses of each of `parts` from oriented point pairs.
+    def part_hypotheses(
+        self, parts: Ints, points: NDArray[np.int64], anchors: int, seed: int, count: int, weights: Float
+    ) -> Hypotheses:
+        """Return at most `count` poses of each of `parts` from oriented pairs of the scan points `points`.
 
-        With `point_weights` (one per scan point, or none) only points of weight 1 are sampled.
+        The first point of a pair is one of `anchors`. `weights` (n,) of all scan points count in the scores.
         """
-        return Hypotheses(*self.native.part_hypotheses(parts, seed, count, point_weights))
+        return Hypotheses(
+            *self.native.part_hypotheses(
+                parts, points.astype(np.int32), anchors, seed, count, np.ascontiguousarray(weights, np.float32)
+            )
+        )
 
     def correspondence_hypotheses(self, pairs: Sequence[OrientedPairs], seed: int) -> Hypotheses:
         """Return poses of parts from correspondences, in minimal samples of two."""
@@ -171,11 +202,11 @@ class TreeSearch:
         ]
         return Hypotheses.concatenate(found)
 
-    def promising(self, hypotheses: Hypotheses) -> Hypotheses:
-        """Return the hypotheses worth growing, best first."""
+    def promising(self, hypotheses: Hypotheses, count: int | None = None) -> Hypotheses:
+        """Return the hypotheses worth growing, best first, at most `count`."""
         # A large part explains more: its hypotheses deserve more trials.
         rank = -hypotheses.scores * self.weights[hypotheses.parts] ** 0.3
-        count = self.options.roots + self.many * self.options.more_roots
+        count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
 
     @property
@@ -185,6 +216,8 @@ class TreeSearch:
 
     @property
     def _per_part(self) -> int:
+        if self.observation.scene:
+            return self.options.scene_hypotheses_per_part
         return self.options.hypotheses_per_part + self.many * self.options.more_hypotheses
 
     def grow(self, hypotheses: Hypotheses) -> Candidates:
@@ -207,7 +240,7 @@ class TreeSearch:
         return self._score(candidates, self.options.coverage_distance)[1]
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
-        points = points or len(self.observation.points)
+        points = self._spread(points) if points else int(self.searched.sum())
         return self.native.score(candidates.bases, candidates.values, points, distance)
 
     def refined(
@@ -225,10 +258,14 @@ class TreeSearch:
             part_weights = np.tile(self.weights, (len(candidates), 1))
         support_weight = support_weight if self.options.two_way else 0.0
         bases, values, _ = self.native.refine(
-            candidates.bases, candidates.values, points or self.options.refine_points, iterations, sigma,
+            candidates.bases, candidates.values, self._spread(points or self.options.refine_points), iterations, sigma,
             self.sigma, support_weight, part_weights,
         )  # fmt: skip
         return Candidates(bases, values, candidates.scores)
+
+    def _spread(self, points: int) -> int:
+        """Return how many points to draw for `points` of them to be about the model."""
+        return min(int(self.searched.sum()), self.options.scene_points * points) if self.observation.scene else points
 
     def part_placements(self, candidates: Candidates) -> Array:
         """Return the placements (m, parts, 4, 4) of all parts."""
@@ -259,7 +296,16 @@ class TreeSearch:
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""
-        return float(np.mean(self._distances(candidate, self.observation.points) > self.reach))
+        distance = self._distances(candidate, self.observation.points)
+        if self.observation.scene:
+            # Most of a scene is other things: only what is searched and near the model should be explained.
+            distance = distance[self.searched & (distance < self.options.near)]
+        return float(np.mean(distance > self.reach)) if len(distance) else 1.0
+
+    def through(self, candidates: Candidates, point: Float) -> Candidates:
+        """Return the candidates whose surface is near `point` (1, 3); all of them where none is."""
+        near = [self._distances(candidates.take([i]), point)[0] < self.options.near for i in range(len(candidates))]
+        return candidates.take(np.array(near)) if any(near) else candidates
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
         """Return per scan point its distance (at most 0.06) from the nearest of `parts` of one candidate, and which."""

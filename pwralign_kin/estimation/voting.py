@@ -22,6 +22,8 @@ class VoteOptions:
 
     parts: int = 8
     """Parts that explain too little, largest lack first, that votes are cast for."""
+    points: int = 400
+    """Unexplained points that pairs are drawn about."""
     placements: int = 5
     """Placements of each."""
     anchors: int = 3
@@ -53,8 +55,10 @@ def voted(
     if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
     best = int(np.argmax(search.weights * share))
-    weights = np.where(unexplained, 1.0, search.options.explained_weight).astype(np.float32)
-    found = search.part_hypotheses(np.array(wrong, np.int32), seed, options.placements, weights)
+    weights = search.observation.weights * np.where(unexplained, 1.0, search.options.explained_weight)
+    points = np.flatnonzero(unexplained)
+    anchors = min(options.points, len(points))
+    found = search.part_hypotheses(np.array(wrong, np.int32), points, anchors, seed, options.placements, weights)
     tasks = [
         (row, anchor)
         for row, part in enumerate(found.parts)
@@ -62,10 +66,10 @@ def voted(
     ]
     if not tasks:
         return None
-    rows, anchors = (np.array(column) for column in zip(*tasks, strict=True))
+    rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
     reached = Candidates(
         *search.native.reach(
-            solution.bases, solution.values, np.zeros(len(tasks), np.int32), anchors.astype(np.int32),
+            solution.bases, solution.values, np.zeros(len(tasks), np.int32), holding.astype(np.int32),
             found.parts[rows], np.ascontiguousarray(found.placements[rows]), seed, options.starts, options.kept,
             options.tolerance,
         )

@@ -21,6 +21,7 @@ def local_planes(
 def openness(
     points: NDArray[np.float32], normals: NDArray[np.float32], cell: float, threads: int
 ) -> NDArray[np.float32]: ...
+def components(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]: ...
 def dominant_plane(
     points: NDArray[np.float32], normals: NDArray[np.float32], tolerance: float, trials: int, seed: int
 ) -> tuple[float, float, float, float, int]: ...
@@ -60,6 +61,8 @@ class Articulated:
     def restricted(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Articulated: ...
     @property
     def parent(self) -> NDArray[np.int32]: ...
+    @property
+    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 class ScanField:
@@ -67,6 +70,9 @@ class ScanField:
         self,
         points: NDArray[np.float32],
         normals: NDArray[np.float32],
+        weights: NDArray[np.float32],
+        areas: NDArray[np.float32],
+        regions: NDArray[np.int32],
         cell: float,
         truncation: float,
         sensor_origin: Sequence[float],
@@ -94,6 +100,18 @@ class SearchOptions:
     def coverage_scale(self) -> float: ...
     @coverage_scale.setter
     def coverage_scale(self, arg: float, /) -> None: ...
+    @property
+    def near_penalty(self) -> float: ...
+    @near_penalty.setter
+    def near_penalty(self, arg: float, /) -> None: ...
+    @property
+    def mismatch_penalty(self) -> float: ...
+    @mismatch_penalty.setter
+    def mismatch_penalty(self, arg: float, /) -> None: ...
+    @property
+    def normal_penalty(self) -> float: ...
+    @normal_penalty.setter
+    def normal_penalty(self, arg: float, /) -> None: ...
     @property
     def two_way(self) -> bool: ...
     @two_way.setter
@@ -124,7 +142,13 @@ class Search:
         self, model: Articulated, field: ScanField, options: SearchOptions, neutral: NDArray[np.float64]
     ) -> None: ...
     def part_hypotheses(
-        self, parts: NDArray[np.int32], seed: int, keep: int
+        self,
+        parts: NDArray[np.int32],
+        points: NDArray[np.int32],
+        anchors: int,
+        seed: int,
+        keep: int,
+        point_weights: NDArray[np.float32],
     ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float32]]: ...
     def correspondence_hypotheses(
         self,
@@ -155,6 +179,19 @@ class Search:
         next: NDArray[np.int32],
         weights: NDArray[np.float32],
         keep: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
+    def reach(
+        self,
+        bases: NDArray[np.float64],
+        values: NDArray[np.float64],
+        configuration: NDArray[np.int32],
+        anchor: NDArray[np.int32],
+        part: NDArray[np.int32],
+        placements: NDArray[np.float64],
+        seed: int,
+        starts: int,
+        keep: int,
+        tolerance: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def sweep(
         self,

@@ -100,6 +100,28 @@ std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count
     return out;
 }
 
+std::vector<int> components(const Vec *points, int64_t count, float radius) {
+    const Cells cells(points, count, radius);
+    std::vector<int> label(count, -1), open;
+    int next = 0;
+    for (int64_t first = 0; first < count; ++first) {
+        if (label[first] >= 0) continue;
+        label[first] = next;
+        open.push_back(int(first));
+        while (!open.empty()) {
+            const int i = open.back();
+            open.pop_back();
+            cells.visit(points[i], radius, [&](int j, float) {
+                if (label[j] >= 0) return;
+                label[j] = next;
+                open.push_back(j);
+            });
+        }
+        ++next;
+    }
+    return label;
+}
+
 Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials,
                      uint64_t seed) {
     Plane best{{0, 0, 0}, 0, 0};

@@ -20,6 +20,9 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
 // through the occupancy of the cloud. Negative: the normal points inwards.
 std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads);
 
+// Connected components of the points under links of at most `radius`: a label (0, 1, ... by first point) per point.
+std::vector<int> components(const Vec *points, int64_t count, float radius);
+
 // The plane (nx, ny, nz, d) with the most oriented points within `tolerance`, from minimal samples of one oriented
 // point, or zeros.
 struct Plane {

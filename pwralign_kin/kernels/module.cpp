@@ -20,6 +20,7 @@ using Placements = In<double, nb::shape<-1, 4, 4>>;
 using Matrix = In<double, nb::shape<-1, -1>>;
 using FloatMatrix = In<float, nb::shape<-1, -1>>;
 using Doubles = In<double, nb::shape<-1>>;
+using Floats = In<float, nb::shape<-1>>;
 using Ints = In<int32_t, nb::shape<-1>>;
 using Bytes = In<uint8_t, nb::shape<-1>>;
 template <typename T> using Out = nb::ndarray<nb::numpy, T>;
@@ -140,6 +141,14 @@ void bind_clouds(nb::module_ &m) {
         nb::gil_scoped_acquire acquire;
         return to_numpy(std::move(open));
     }, "points"_a, "normals"_a, "cell"_a, "threads"_a);
+    m.def("components", [](Points points, float radius) {
+        std::vector<int> label;
+        {
+            nb::gil_scoped_release release;
+            label = components(vectors(points), points.shape(0), radius);
+        }
+        return to_numpy(std::move(label));
+    }, "points"_a, "radius"_a);
     m.def("dominant_plane", [](Points points, Points normals, float tolerance, int trials, uint64_t seed) {
         require(points.shape(0) == normals.shape(0), "points and normals differ in length");
         Plane plane;
@@ -173,7 +182,7 @@ void bind_model(nb::module_ &m) {
             self->wraps.assign(wraps.data(), wraps.data() + k);
             self->surface.resize(n);
         }, "parent"_a, "actuated"_a, "placement"_a, "axis"_a, "prismatic"_a, "multiplier"_a, "offset"_a, "lower"_a, "upper"_a, "wraps"_a)
-        .def("set_surface", [](Articulated &self, int part, Points samples, Points normals, In<float, nb::shape<-1>> weights, Points dense, Points dense_normals, In<uint16_t, nb::shape<-1, -1, -1>> grid, std::tuple<float, float, float> origin, float cell, float slack, std::tuple<float, float, float> centre, float radius, float size, float area, float weight) {
+        .def("set_surface", [](Articulated &self, int part, Points samples, Points normals, Floats weights, Points dense, Points dense_normals, In<uint16_t, nb::shape<-1, -1, -1>> grid, std::tuple<float, float, float> origin, float cell, float slack, std::tuple<float, float, float> centre, float radius, float size, float area, float weight) {
             require(part >= 0 && part < self.parts, "no such part");
             require(normals.shape(0) == samples.shape(0) && weights.shape(0) == samples.shape(0) && dense.shape(0) == dense_normals.shape(0), "samples, normals and weights differ in length");
             for (size_t i = 0; i < grid.size(); ++i) require(grid.data()[i] == none || grid.data()[i] < dense.shape(0), "the grid names a sample that does not exist");
@@ -200,6 +209,9 @@ void bind_model(nb::module_ &m) {
             return copy;
         }, "lower"_a, "upper"_a)
         .def_prop_ro("parent", [](const Articulated &self) { return to_numpy(std::vector<int>(self.parent)); }, nb::rv_policy::move)
+        .def_prop_ro("limits", [](const Articulated &self) {
+            return nb::make_tuple(to_numpy(std::vector<double>(self.lower)), to_numpy(std::vector<double>(self.upper)));
+        }, nb::rv_policy::move)
         .def("forward", [](const Articulated &self, Placements bases, Matrix values) {
             const auto configurations = read_configurations(self, bases, values);
             std::vector<double> out(16 * configurations.size() * self.parts);
@@ -214,13 +226,14 @@ void bind_model(nb::module_ &m) {
 
 void bind_search(nb::module_ &m) {
     nb::class_<ScanField>(m, "ScanField")
-        .def("__init__", [](ScanField *self, Points points, Points normals, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow) {
-            require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
+        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow) {
+            const size_t count = points.shape(0);
+            require(count > 0 && normals.shape(0) == count && weights.shape(0) == count && areas.shape(0) == count && regions.shape(0) == count, "the arrays of the points differ in length");
             require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;
-            new (self) ScanField(copied(points), copied(normals), cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow);
-        }, "points"_a, "normals"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a);
+            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow);
+        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a);
 
     nb::class_<SearchOptions>(m, "SearchOptions")
         .def(nb::init<>())
@@ -228,6 +241,9 @@ void bind_search(nb::module_ &m) {
         .def_rw("coverage_distance", &SearchOptions::coverage_distance)
         .def_rw("support_weight", &SearchOptions::support_weight)
         .def_rw("coverage_scale", &SearchOptions::coverage_scale)
+        .def_rw("near_penalty", &SearchOptions::near_penalty)
+        .def_rw("mismatch_penalty", &SearchOptions::mismatch_penalty)
+        .def_rw("normal_penalty", &SearchOptions::normal_penalty)
         .def_rw("two_way", &SearchOptions::two_way)
         .def_rw("angle_step", &SearchOptions::angle_step)
         .def_rw("beam", &SearchOptions::beam)
@@ -240,19 +256,21 @@ void bind_search(nb::module_ &m) {
             require(int(neutral.shape(0)) == model.joints, "one neutral value per joint is needed");
             new (self) Search(model, field, options, {neutral.data(), neutral.data() + neutral.shape(0)});
         }, "model"_a, "field"_a, "options"_a, "neutral"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
-        .def("part_hypotheses", [](const Search &self, Ints parts, uint64_t seed, int keep, In<float, nb::shape<-1>> point_weights) {
+        .def("part_hypotheses", [](const Search &self, Ints parts, Ints points, int anchors, uint64_t seed, int keep, Floats point_weights) {
             std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
             for (int p : wanted) require(p >= 0 && p < self.model.parts && self.model.surface[p].exists, "a hypothesis needs a part with a surface");
-            require(point_weights.shape(0) == 0 || point_weights.shape(0) == self.field.points.size(), "one weight per scan point is needed");
+            require(point_weights.shape(0) == self.field.points.size(), "one weight per scan point is needed");
+            const std::vector<int> sampled(points.data(), points.data() + points.shape(0));
+            for (int k : sampled) require(k >= 0 && k < int(self.field.points.size()), "no such scan point");
             const std::vector<float> weights(point_weights.data(), point_weights.data() + point_weights.shape(0));
             std::vector<Hypothesis> found;
             {
                 nb::gil_scoped_release release;
-                found = self.part_hypotheses(wanted, seed, keep, weights);
+                found = self.part_hypotheses(wanted, sampled, anchors, seed, keep, weights);
             }
             return write_hypotheses(found);
-        }, "parts"_a, "seed"_a, "keep"_a, "point_weights"_a)
-        .def("correspondence_hypotheses", [](const Search &self, int part, Points source, Points source_normals, Points target, Points target_normals, In<float, nb::shape<-1>> weights, uint64_t seed, int keep) {
+        }, "parts"_a, "points"_a, "anchors"_a, "seed"_a, "keep"_a, "point_weights"_a)
+        .def("correspondence_hypotheses", [](const Search &self, int part, Points source, Points source_normals, Points target, Points target_normals, Floats weights, uint64_t seed, int keep) {
             const size_t count = source.shape(0);
             require(part >= 0 && part < self.model.parts && self.model.surface[part].exists, "a hypothesis needs a part with a surface");
             require(source_normals.shape(0) == count && target.shape(0) == count && target_normals.shape(0) == count && weights.shape(0) == count, "the arrays of the correspondences differ in length");
@@ -383,7 +401,7 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
-        .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, In<float, nb::shape<-1>> part_weights) {
+        .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights) {
             const size_t n = self.model.parts;
             require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
             std::vector<Rigid> T;

@@ -28,7 +28,7 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
                 if (!field.has_origin || dot(field.sensor - x, n) > 0) {
                     const float facing = std::max(0.f, dot(n, q.n));
                     const float value = (1 - squared / limit) * (.25f + .75f * facing);
-                    sum += s.w[i] * (point_weights ? point_weights[k] : 1.f) * value;
+                    sum += s.w[i] * point_weights[k] * value;
                 }
                 continue;
             }
@@ -117,30 +117,29 @@ std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int 
     return select(candidates, distinct(candidates, keep, .03f));
 }
 
-std::vector<Hypothesis> Search::hypotheses_of_part(int part, uint64_t seed, int keep,
-                                                   const float *point_weights) const {
-    constexpr int anchors = 400, pairs_of_anchor = 12, votes_of_pair = 8;
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<int> &points, int anchors,
+                                                   uint64_t seed, int keep, const float *point_weights) const {
+    constexpr int votes_of_pair = 8, partners = 12;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
     if (table.key.empty()) return candidates;
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
-    std::vector<int> order;
-    for (int i = 0; i < int(field.points.size()); ++i)
-        if (!point_weights || point_weights[i] >= 1) order.push_back(i);
-    const std::vector<int> sampled = order;
-    const int count = int(order.size()), anchor_count = std::min(anchors, count);
+    const int count = int(points.size()), anchor_count = std::min(anchors, count);
+    std::vector<int> order = points;
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
+    // Regions with fewer points than anchors make up for it with more partners.
+    const int per_anchor = std::max(1, anchors * partners / std::max(1, anchor_count));
     std::vector<int> near;
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
         near.clear();
-        for (int j : sampled) {
+        for (int j : points) {
             const Vec d = field.points[j].p - p.p;
             const float squared = dot(d, d);
             if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
         }
-        for (int b = 0; b < pairs_of_anchor && b < int(near.size()); ++b) {
+        for (int b = 0; b < per_anchor && b < int(near.size()); ++b) {
             std::swap(near[b], near[b + random.below(uint32_t(near.size() - b))]);
             const OrientedPoint &q = field.points[near[b]];
             float Rs[9];
@@ -178,17 +177,18 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
         if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
-        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), nullptr, candidates);
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field.weight.data(), candidates);
     }
-    return best_of(std::move(candidates), keep, nullptr);
+    return best_of(std::move(candidates), keep, field.weight.data());
 }
 
-std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep,
+std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, const std::vector<int> &points,
+                                                int anchors, uint64_t seed, int keep,
                                                 const std::vector<float> &point_weights) const {
-    const float *weights = point_weights.empty() ? nullptr : point_weights.data();
     std::vector<std::vector<Hypothesis>> found(parts.size());
-    parallel_for(int64_t(parts.size()), options.threads,
-                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], seed, keep, weights); });
+    parallel_for(int64_t(parts.size()), options.threads, [&](int64_t i) {
+        found[i] = hypotheses_of_part(parts[i], points, anchors, seed, keep, point_weights.data());
+    });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
     return all;
@@ -196,7 +196,7 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, u
 
 void Search::refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const {
     parallel_for(int64_t(hypotheses.size()), options.threads,
-                 [&](int64_t i) { refine_part(hypotheses[i], iterations, nullptr); });
+                 [&](int64_t i) { refine_part(hypotheses[i], iterations, field.weight.data()); });
 }
 
 // Point-to-plane ICP of one part against the field, samples of the model towards the scan.

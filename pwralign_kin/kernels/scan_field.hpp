@@ -13,7 +13,9 @@ class ScanField {
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,
     // `depth_points` (the full-resolution cloud) decide which cells are occluded: those behind a return by more than
     // `tolerance`, out to `shadow` behind the surface.
-    ScanField(std::vector<Vec> points, std::vector<Vec> normals, float cell, float truncation, const Vec *sensor_origin,
+    // `weights`, `areas` and `regions` are described at the members.
+    ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
+              std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
               const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow);
 
     // Cell of a position, -1 outside of the grid.
@@ -27,6 +29,9 @@ class ScanField {
     bool is_occluded(int64_t at) const { return !occluded.empty() && occluded[at]; }
 
     std::vector<OrientedPoint> points;
+    std::vector<float> weight; // how much a point speaks for a part that lies on it
+    std::vector<float> area;   // surface that a point stands for, in any unit
+    std::vector<int> region;   // points of one region are searched together; -1: known surface, not searched
     bool has_origin;
     Vec sensor;
 

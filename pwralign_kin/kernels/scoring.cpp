@@ -20,14 +20,24 @@ void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, cons
         float radius;
     };
     std::vector<Placed> placed;
+    Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
     for (int p = 0; p < model.parts; ++p)
         if (mask[p]) {
             const RigidF F = to_float(T[p]);
-            placed.push_back({p, F, apply(F, model.surface[p].centre), model.surface[p].radius});
+            const Vec c = apply(F, model.surface[p].centre);
+            const float r = model.surface[p].radius;
+            placed.push_back({p, F, c, r});
+            low = {std::min(low.x, c.x - r), std::min(low.y, c.y - r), std::min(low.z, c.z - r)};
+            high = {std::max(high.x, c.x + r), std::max(high.y, c.y + r), std::max(high.z, c.z + r)};
         }
+    // A scene is mostly far from the model: its box says so at once.
+    auto outside = [](Vec small, Vec large, float reach) {
+        return small.x < large.x - reach || small.y < large.y - reach || small.z < large.z - reach;
+    };
     for (int64_t i = 0; i < int64_t(a.distance.size()); ++i) {
         const Vec point = points[i * stride];
         float best = a.distance[i];
+        if (outside(point, low, best) || outside(high, point, best)) continue;
         for (const Placed &p : placed) {
             const Vec d = point - p.centre;
             const float reach = p.radius + best;
@@ -41,16 +51,23 @@ void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, cons
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
-float Search::coverage(const Assignment &a, const std::vector<OrientedPoint> &points, const std::vector<RigidF> &T,
-                       float distance) const {
-    float sum = 0;
+float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
+    const float lost = options.normal_penalty;
+    float sum = 0, all = 0;
     for (size_t i = 0; i < a.distance.size(); ++i) {
-        if (a.part[i] < 0 || a.distance[i] >= distance) continue;
+        const int k = shuffled[i];
+        const float weight = field.weight[k] * field.area[k];
+        all += weight;
+        if (a.part[i] < 0) continue;
+        if (a.distance[i] >= distance) {
+            if (field.region[k] >= 0) sum -= options.near_penalty * weight;
+            continue;
+        }
         const Vec n = rotate(T[a.part[i]], model.surface[a.part[i]].dense[a.sample[i]].n);
         const float share = a.distance[i] / distance;
-        sum += (1 - share * share) * (.6f + .4f * std::abs(dot(n, points[i].n)));
+        sum += weight * (1 - share * share) * (1 - lost + lost * std::abs(dot(n, field.points[k].n)));
     }
-    return sum / float(a.distance.size());
+    return sum / all;
 }
 
 // Support of a part by a scan from all sides: only points that no other part owns speak for it, or twins would
@@ -99,7 +116,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
             if (dot(view, n) > .15f * norm(view)) {
                 const float facing = std::max(0.f, dot(n, field.points[k].n));
                 if (dot(d, view) > 0 || facing > .5f)
-                    sum -= .7f * s.w[i] * (1 - (1 - dot(d, d) / limit) * (.25f + .75f * facing));
+                    sum -= options.mismatch_penalty * s.w[i] * (1 - (1 - dot(d, d) / limit) * (.25f + .75f * facing));
             }
         } else if (!field.is_occluded(at)) sum -= s.w[i];
     }
@@ -136,7 +153,7 @@ void Search::score(std::vector<Configuration> &configurations, int points, float
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
         const Assignment a = assign(&sampled[0].p, int64_t(sampled.size()), 2, T.data(), mask.data(), options.band);
-        covered[c] = coverage(a, sampled, F, coverage_distance);
+        covered[c] = coverage(a, F, coverage_distance);
         std::vector<int> owner(field.points.size(), -1);
         for (size_t i = 0; i < sampled.size(); ++i) owner[shuffled[i]] = a.part[i];
         update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
@@ -208,7 +225,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                 assign_more(&look[0].p, 2, T.data(), moves.data(), a);
                 for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-                tried[v].score = row[v] = total_score(coverage(a, look, F, options.coverage_distance), support.data());
+                tried[v].score = row[v] = total_score(coverage(a, F, options.coverage_distance), support.data());
             }
             modes = best_modes(row, points == few_points ? 3 * keep : keep, window, sweep.circular);
         }

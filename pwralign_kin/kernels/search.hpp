@@ -14,6 +14,9 @@ struct SearchOptions {
     // Evidence.
     float free_penalty = .35f;       // of a sample in free space
     float occluded_penalty = .05f;   // of a sample in occluded space
+    float mismatch_penalty = .7f;    // share of the penalty for a visible sample on scan of another orientation
+    float normal_penalty = .4f;      // of a covered point whose normal is at right angles to the model's
+    float near_penalty = 0;          // of a point near the model that it does not cover
     float contested_penalty = .5f;   // share of the free penalty for a sample that another part explains
     float support_weight = .6f;      // of model support against scan coverage
     float absent_floor = .15f;       // least support of a part, full scans
@@ -72,10 +75,10 @@ class Search {
   public:
     Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral);
 
-    // RANSAC with minimal samples of two oriented points, for each of `parts`; the best `keep` distinct poses each.
-    // With weights per scan point, only points of weight 1 are sampled and the score counts all points by their weight.
-    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, uint64_t seed, int keep,
-                                            const std::vector<float> &point_weights) const;
+    // RANSAC with minimal samples of two oriented points among `points`, the first being one of `anchors`, for each of
+    // `parts`; the best `keep` distinct poses each. The score counts all scan points by their weight.
+    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, const std::vector<int> &points, int anchors,
+                                            uint64_t seed, int keep, const std::vector<float> &point_weights) const;
     // The same from correspondences of one part, in minimal samples of two.
     std::vector<Hypothesis> correspondence_hypotheses(int part, const std::vector<Correspondence> &given, uint64_t seed,
                                                       int keep) const;
@@ -130,12 +133,13 @@ class Search {
         bool circular;
     };
     struct Growth {
-        const float *point_weights; // null: all 1
+        const float *point_weights;
         const float *part_weights;
     };
     float part_score(int part, const RigidF &T, int first, int last, float distance,
                      const float *point_weights) const;
-    std::vector<Hypothesis> hypotheses_of_part(int part, uint64_t seed, int keep, const float *point_weights) const;
+    std::vector<Hypothesis> hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
+                                               int keep, const float *point_weights) const;
     void consider(int part, const Rigid &pose, const float *point_weights, std::vector<Hypothesis> &candidates) const;
     std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep, const float *point_weights) const;
     void refine_part(Hypothesis &hypothesis, int iterations, const float *point_weights) const;
@@ -148,8 +152,7 @@ class Search {
     bool leads_to_surface(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
-    float coverage(const Assignment &a, const std::vector<OrientedPoint> &points, const std::vector<RigidF> &T,
-                   float distance) const;
+    float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
     std::vector<OrientedPoint> sample_of_points(int most) const;
@@ -159,7 +162,8 @@ class Search {
 
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
-    std::vector<int> shuffled; // scan points in a fixed random order: prefixes are fair samples
+    // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
+    std::vector<int> shuffled;
 };
 
 } // namespace pwr

@@ -34,6 +34,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     shuffled.resize(field.points.size());
     std::iota(shuffled.begin(), shuffled.end(), 0);
     for (size_t i = shuffled.size(); i > 1; --i) std::swap(shuffled[i - 1], shuffled[random.below(uint32_t(i))]);
+    std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return field.region[k] >= 0; });
 }
 
 bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
@@ -180,7 +181,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) co
         Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral, std::vector<uint8_t>(model.joints, 0), 0};
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
-        const Growth growth{nullptr, weights.data()};
+        const Growth growth{field.weight.data(), weights.data()};
         const Partial best = grow_from(start, roots[i].part, -1, -1, 1, growth).front();
         out[i] = {best.T[0], best.values, float(best.score)};
     });
@@ -208,9 +209,9 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
             const int64_t count = int64_t(field.points.size());
             const Assignment a = assign(&field.points[0].p, count, 2, start.T.data(), fixed.data(), options.band);
             point_weights.resize(count);
-            for (int64_t p = 0; p < count; ++p) point_weights[p] = a.distance[p] < .025f ? options.explained_weight : 1.f;
+            for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
         }
-        const Growth growth{point_weights.empty() ? nullptr : point_weights.data(), task.weights.data()};
+        const Growth growth{point_weights.empty() ? field.weight.data() : point_weights.data(), task.weights.data()};
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });

@@ -1,6 +1,18 @@
 """Scans with known truth, by ray casting a posed model; nothing of the estimation is used here."""
 
+from pwralign_kin.simulation.scenes import Room, simulate_scene
 from pwralign_kin.simulation.sensor import FULL, TIERS, GuessError, Sensor
-from pwralign_kin.simulation.simulator import SimulatedScan, random_state, simulate
+from pwralign_kin.simulation.simulator import SimulatedCopy, SimulatedScan, random_state, simulate
 
-__all__ = ["FULL", "TIERS", "GuessError", "Sensor", "SimulatedScan", "random_state", "simulate"]
+__all__ = [
+    "FULL",
+    "TIERS",
+    "GuessError",
+    "Room",
+    "Sensor",
+    "SimulatedCopy",
+    "SimulatedScan",
+    "random_state",
+    "simulate",
+    "simulate_scene",
+]

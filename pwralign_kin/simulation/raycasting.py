@@ -64,7 +64,7 @@ class World:
 
         The image is cut to what it shows and has about `pixels` square pixels.
         """
-        axes = _looking_at(self.centre - origin)
+        axes = looking_at(self.centre - origin)
         seen = (self.vertices - origin) @ axes
         slopes = seen[:, :2] / seen[:, 2:]
         lower, upper = slopes.min(axis=0), slopes.max(axis=0)
@@ -72,8 +72,24 @@ class World:
         pitch = float(np.sqrt(size.prod() / pixels))
         columns, rows = (lower[i] + pitch * (np.arange(np.ceil(size[i] / pitch)) + 0.5) for i in (0, 1))
         grid = np.stack([*np.meshgrid(columns, rows), np.ones((len(rows), len(columns)))], axis=-1)
-        directions = grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T
+        return self._cast(origin, grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T)
 
+    def camera_image(self, origin: Array, axes: Array, focal: float, size: tuple[int, int]) -> DepthImage:
+        """Return what a pinhole camera at `origin` (3,) sees.
+
+        The columns of `axes` (3, 3) are its directions right, down and forward; `focal` is in pixels and `size` the
+        columns and rows of its image.
+        """
+        slopes = [(np.arange(count) - (count - 1) / 2.0) / focal for count in size]
+        grid = np.stack([*np.meshgrid(*slopes), np.ones(size[::-1])], axis=-1)
+        return self._cast(origin, grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T)
+
+    def travel(self, points: Array, direction: Array) -> float:
+        """Return how far `points` (n, 3) can move along the unit `direction` (3,) until one meets a body."""
+        rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=-1)
+        return float(self._scene.cast_rays(self._tensor(rays.astype(np.float32)))["t_hit"].numpy().min())
+
+    def _cast(self, origin: Array, directions: Array) -> DepthImage:
         rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=-1)
         answer = self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
         distance = answer["t_hit"].numpy().astype(np.float64)
@@ -84,7 +100,7 @@ class World:
         return DepthImage(origin=origin, directions=directions, distance=distance, body=body)
 
 
-def _looking_at(forward: Array) -> Array:
+def looking_at(forward: Array) -> Array:
     """Return the axes right, down, forward of a camera that looks along `forward` (3,), as columns."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])

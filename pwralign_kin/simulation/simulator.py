@@ -33,13 +33,22 @@ _MAX_PIXELS = 2_000_000
 _OVERSAMPLING = 3.0
 """Rays that hit per point kept, so that the pixel grid does not show in the scan."""
 
-_EDGE_JUMP = 0.02
+EDGE_JUMP = 0.02
 """Neighbouring pixels farther apart in depth than this share of the diagonal form a depth edge."""
 
 _STRAY_MARGIN = 0.25
 
 _MIN_PART_SHARE = 0.01
 """A part drawn to be missing has at least this share of the points, so that its loss is one."""
+
+
+@dataclass(frozen=True)
+class SimulatedCopy:
+    """Another copy of the model in a simulated scene: finding it is as right as finding the first."""
+
+    state: State
+    labels: NDArray[np.int64]
+    """(n,) as `SimulatedScan.labels`, but of this copy."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,9 @@ class SimulatedScan:
 
     guess: State | None
     """A guess near the truth, where the sensor asks for one."""
+
+    copies: tuple[SimulatedCopy, ...] = ()
+    """Other copies of the model in the scene."""
 
     def save(self, folder: Path | str) -> None:
         """Write `scan.ply`, `truth.json`, `labels.npz` and, with a guess, `guess.json` into `folder`.
@@ -114,17 +126,17 @@ def simulate(
     Raises `ModelError` for a model without geometry, `UnknownNameError` for joints, links or missing parts
     that do not exist, and `ScanError` when too few points are left to make a scan.
     """
-    _check_seed(seed)
+    check_seed(seed)
     if not any(len(part.faces) for part in model.parts):
         raise ModelError(model.urdf_path, "the model has no geometry to scan")
-    unknown = [name for name in sensor.missing_parts if name not in _names(model)]
+    unknown = [name for name in sensor.missing_parts if name not in part_names(model)]
     if unknown:
-        raise UnknownNameError("part", unknown[0], _names(model))
-    truth = random_state(model, seed) if state is None else _complete(model, state)
-    bodies = _posed_parts(model, truth)
+        raise UnknownNameError("part", unknown[0], part_names(model))
+    truth = random_state(model, seed) if state is None else complete_state(model, state)
+    bodies = posed_parts(model, truth)
     if sensor.clutter:
         placed = np.concatenate([vertices for vertices, _ in bodies])
-        bodies += table_and_solids(placed, model.diagonal, _generator(seed, "clutter"))
+        bodies += table_and_solids(placed, model.diagonal, generator(seed, "clutter"))
 
     images = _depth_images(World(bodies), model.diagonal, sensor, seed)
     returns = _fused(images, model, sensor, seed)
@@ -141,7 +153,7 @@ def simulate(
         scan=scan,
         state=truth,
         labels=returns.labels[scan.source_index],
-        part_names=_names(model),
+        part_names=part_names(model),
         view=returns.view[scan.source_index],
         view_origins=view_origins,
         guess=None if sensor.guess is None else _perturbed(model, truth, sensor.guess, seed),
@@ -153,8 +165,8 @@ def random_state(model: ArticulatedModel, seed: int) -> State:
     origin."""
     from scipy.spatial.transform import Rotation
 
-    _check_seed(seed)
-    rng = _generator(seed, "state")
+    check_seed(seed)
+    rng = generator(seed, "state")
     values = rng.uniform(model.lower, model.upper)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
@@ -162,38 +174,41 @@ def random_state(model: ArticulatedModel, seed: int) -> State:
     return State(T, dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)
 
 
-_PURPOSES = ("state", "clutter", "views", "returns", "missing", "noise", "stray", "guess")
+_PURPOSES = ("state", "clutter", "views", "returns", "missing", "noise", "stray", "guess", "scene", "camera")
 
 
-def _generator(seed: int, purpose: str) -> np.random.Generator:
+def generator(seed: int, purpose: str) -> np.random.Generator:
     """Return the random numbers of one purpose, so that an option of one does not change those of another."""
     return np.random.default_rng([seed, _PURPOSES.index(purpose)])
 
 
-def _check_seed(seed: int) -> None:
+def check_seed(seed: int) -> None:
+    """Raise `ScanError` for a seed that cannot be one."""
     if seed < 0:
         raise ScanError("simulation", f"seed must not be negative, got {seed}")
 
 
-def _names(model: ArticulatedModel) -> tuple[str, ...]:
+def part_names(model: ArticulatedModel) -> tuple[str, ...]:
+    """Return the names that labels index."""
     return tuple(part.name for part in model.parts)
 
 
-def _complete(model: ArticulatedModel, state: State) -> State:
+def complete_state(model: ArticulatedModel, state: State) -> State:
     """Return `state` with its base at the root link and a value for every joint."""
     values = model.values(state.joints)
     joints = dict(zip(model.joint_names, values.tolist(), strict=True))
     return State(model.root_placement(state), joints, model.root_link)
 
 
-def _posed_parts(model: ArticulatedModel, state: State) -> list[Body]:
+def posed_parts(model: ArticulatedModel, state: State) -> list[Body]:
+    """Return the body of every part where the state places it."""
     placements = state.T_scan_base @ model.part_placements(model.values(state.joints))
     return [(transform(T, part.vertices), part.faces) for T, part in zip(placements, model.parts, strict=True)]
 
 
 def _depth_images(world: World, diagonal: float, sensor: Sensor, seed: int) -> list[DepthImage]:
     """Look at the world from all sides with as many rays as the points asked for need."""
-    rng = _generator(seed, "views")
+    rng = generator(seed, "views")
     directions = _directions(sensor.views, sensor.clutter, rng)
     distances = rng.uniform(*sensor.distance, size=sensor.views) * diagonal
     distances = np.maximum(distances, _CLEARANCE * world.radius)
@@ -219,10 +234,10 @@ def _directions(count: int, from_above: bool, rng: np.random.Generator) -> Array
 
 def _fused(images: list[DepthImage], model: ArticulatedModel, sensor: Sensor, seed: int) -> _Returns:
     """Return the points of all images, thinned to the number asked for."""
-    rng = _generator(seed, "returns")
+    rng = generator(seed, "returns")
     pieces = []
     for index, seen in enumerate(images):
-        image = _with_mixed_pixels(seen, sensor.mixed_pixels, _EDGE_JUMP * model.diagonal, rng)
+        image = with_mixed_pixels(seen, sensor.mixed_pixels, EDGE_JUMP * model.diagonal, rng)
         hit = np.isfinite(image.distance)
         body = image.body[hit]
         labels = np.where(body < len(model.parts), body, -1)
@@ -238,7 +253,7 @@ def _fused(images: list[DepthImage], model: ArticulatedModel, sensor: Sensor, se
     return fused.only(np.sort(rng.choice(len(fused.points), sensor.points, replace=False)))
 
 
-def _with_mixed_pixels(image: DepthImage, share: float, jump: float, rng: np.random.Generator) -> DepthImage:
+def with_mixed_pixels(image: DepthImage, share: float, jump: float, rng: np.random.Generator) -> DepthImage:
     """Return the image with `share` of its edge pixels, to the right or below, moved towards the neighbour's
     depth."""
     distance, body = image.distance.copy(), image.body.copy()
@@ -257,8 +272,8 @@ def _with_mixed_pixels(image: DepthImage, share: float, jump: float, rng: np.ran
 
 def _without_missing(returns: _Returns, model: ArticulatedModel, sensor: Sensor, seed: int) -> _Returns:
     """Leave out the points of missing parts, then one contiguous piece of the model's other points."""
-    rng = _generator(seed, "missing")
-    missing = {_names(model).index(name) for name in sensor.missing_parts}
+    rng = generator(seed, "missing")
+    missing = {part_names(model).index(name) for name in sensor.missing_parts}
     counts = np.bincount(returns.labels[returns.labels >= 0], minlength=len(model.parts))
     seen = [int(i) for i in np.flatnonzero(counts >= _MIN_PART_SHARE * counts.sum()) if i not in missing]
     if sensor.missing_random_parts and sensor.missing_random_parts >= len(seen):
@@ -279,7 +294,7 @@ def _without_missing(returns: _Returns, model: ArticulatedModel, sensor: Sensor,
 
 
 def _noisy(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Returns:
-    rng = _generator(seed, "noise")
+    rng = generator(seed, "noise")
     sigma = sensor.noise * diagonal
     if sensor.noise_along_ray:
         offset = rng.normal(scale=sigma, size=(len(returns.points), 1)) * returns.directions
@@ -293,7 +308,7 @@ def _with_strays(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) 
     on_model = returns.points[returns.labels >= 0]
     if count == 0 or len(on_model) == 0:
         return returns
-    rng = _generator(seed, "stray")
+    rng = generator(seed, "stray")
     margin = _STRAY_MARGIN * diagonal
     strays = rng.uniform(on_model.min(axis=0) - margin, on_model.max(axis=0) + margin, size=(count, 3))
     return _Returns(
@@ -306,7 +321,7 @@ def _with_strays(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) 
 
 def _perturbed(model: ArticulatedModel, truth: State, error: GuessError, seed: int) -> State:
     """Return a state off `truth` by random offsets below those of `error`, within the joint limits."""
-    rng = _generator(seed, "guess")
+    rng = generator(seed, "guess")
     axis, shift = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
     T = truth.T_scan_base.copy()
     T[:3, :3] = T[:3, :3] @ rotation_about(axis, rng.uniform(0.0, error.rotation))

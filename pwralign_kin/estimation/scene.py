@@ -1,0 +1,357 @@
+"""A whole scene made ready for the search: the model is a small share of a room, on or among other things.
+
+Wide planes (walls, floors, tables) are told from the rest and stay as known surroundings; what is left is split into
+connected regions, each searched with its own share of hypotheses, so that a large bench cannot crowd out a small arm.
+Only ranges at which the points lie close enough to show the model are searched. Lengths in model diagonals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.estimation import observation as preparation
+from pwralign_kin.estimation.observation import Float, Observation, ObservationOptions
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.model.surface import Surface, total_area
+from pwralign_kin.scan import Scan, check_units
+from pwralign_kin.se3 import Array
+
+Bools = NDArray[np.bool_]
+
+REACH_CONFIGURATIONS = 60
+MOST_EXTENT = 200.0
+"""Model diagonals beyond which a scene is not looked at."""
+LARGEST_FIELD = 5e7
+"""Cells of the field of a scene; larger scenes get larger cells."""
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How the model is found among other things. Lengths in model diagonals."""
+
+    reaches: float = 1.3
+    """A scan wider than this many times the model's largest extent is a scene."""
+    reaches_unseen: float = 3.0
+    """The same for scans without a sensor origin, which tell less of what is in the way of what."""
+    normal_radius: float = 0.045
+    """Neighbourhood of the normals that planes are found by."""
+    planes: int = 12
+    plane_trials: int = 200
+    plane_sample: int = 3000
+    plane_tolerance: float = 0.012
+    plane_noises: float = 2.5
+    plane_most: float = 0.06
+    """A point lies on a plane within the tolerance, or so many times the noise at its range, at most this far."""
+    plane_cell: float = 0.04
+    """Pieces of a plane farther apart than this are looked at one by one."""
+    plane_wider: float = 1.5
+    """A piece of a plane is background if it spreads so many times wider than any part of the model, ..."""
+    plane_least: float = 0.09
+    """... this far (standard deviation along its shorter axis) ..."""
+    plane_area: float = 0.3
+    """... and has more than this share of the largest part's area."""
+    range_bin: float = 0.25
+    spacings: tuple[float, ...] = (0.026, 0.04, 0.06)
+    """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
+    enough: float = 1.5
+    """How many times the visible area of the model is enough."""
+    link: float = 0.03
+    """Points nearer than this belong to one region."""
+    region_area: float = 0.015
+    region_points: int = 25
+    """Regions with less than this share of the visible area of the model, or fewer points, are not searched."""
+    margin: float = 0.35
+    """Surroundings this near to what is searched are kept."""
+    plane_weight: float = 0.35
+    """How much a point of a background plane speaks for the model, ..."""
+    other_weight: float = 0.5
+    """... and one of what else is not searched."""
+    most_noise: float = 0.012
+
+
+def model_reach(native: Any, surfaces: Sequence[Surface]) -> float:
+    """Return the largest diagonal of the box around the model over random joint values."""
+    random = np.random.default_rng(0)
+    lower, upper = native.limits
+    values = random.uniform(lower, upper, (REACH_CONFIGURATIONS, len(lower)))
+    T = np.asarray(native.forward(np.tile(np.eye(4), (REACH_CONFIGURATIONS, 1, 1)), values))
+    placed = np.concatenate(
+        [
+            surface.samples[:12] @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
+            for i, surface in enumerate(surfaces)
+            if surface.exists
+        ],
+        axis=1,
+    )
+    return float(np.linalg.norm(np.ptp(placed, axis=1), axis=1).max())
+
+
+def is_scene(scan: Scan, diagonal: float, reach: float, options: SceneOptions) -> bool:
+    """Return whether the scan is much wider than the model can be (`reach`, m), strays aside."""
+    low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
+    origin = preparation.common_origin(scan, np.zeros(3), diagonal)
+    reaches = options.reaches_unseen if origin is None else options.reaches
+    return bool(np.linalg.norm(high - low) > reaches * reach)
+
+
+def observe_scene(
+    scan: Scan,
+    surfaces: Sequence[Surface],
+    diagonal: float,
+    box: tuple[Array, Array],
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> Observation:
+    """Prepare a scene for the model with the given `surfaces`, to be searched between the corners of `box` (m).
+
+    Raises `ScanError` where nothing can be searched.
+    """
+    if scan.diagonal > MOST_EXTENT * diagonal:
+        check_units(scan, diagonal)
+        raise ScanError(
+            scan.source, f"it spans {scan.diagonal / diagonal:.3g} times the model, which is {diagonal:.3g} m across"
+        )
+    centre = np.asarray(np.median(scan.points, axis=0))
+    raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+    origin = preparation.common_origin(scan, centre, diagonal)
+    points, _, cell = kernels.voxel_means(raw, preparing.voxel)
+    spacing = _sixth_neighbour(points)
+    area = (np.pi * np.minimum(spacing, 0.1) ** 2 / 7).astype(np.float32)
+    near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
+    normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
+    planes = _wide_planes(points, normals, area, _tolerance(points, variance, origin, options), surfaces, options)
+    low, high = ((corner - centre) / diagonal for corner in box)
+    near &= ((points >= low) & (points <= high)).all(axis=1)
+    region = _regions(points, area, near & ~planes, total_area(surfaces), options)
+    if (region < 0).all():
+        where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
+        raise ScanError(scan.source, f"nothing in {where} has points as close together as it takes to show the model")
+    kept = np.flatnonzero(_surroundings(points, region >= 0, options.margin))
+    searched = region[kept] >= 0
+    return _observed(
+        scan, raw, cell, points, kept, region[kept].astype(np.int32), planes[kept], area[kept],
+        float(np.median(spacing[kept][searched])), origin, centre, diagonal, preparing, options, threads,
+    )  # fmt: skip
+
+
+def _observed(
+    scan: Scan,
+    raw: Float,
+    cell: NDArray[np.int32],
+    points: Float,
+    kept: NDArray[np.int64],
+    region: NDArray[np.int32],
+    planes: Bools,
+    area: Float,
+    spacing: float,
+    origin: Float | None,
+    centre: Array,
+    diagonal: float,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> Observation:
+    """Give the kept points their normals and their field."""
+    searched_cells = np.zeros(len(points), bool)
+    searched_cells[kept[region >= 0]] = True
+    noise = min(preparation.noise_of(raw[searched_cells[cell]]), options.most_noise)
+    kept_points = np.ascontiguousarray(points[kept])
+    kept_points, normals = preparation.with_normals(kept_points, noise, spacing, preparing, threads)
+    normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
+    weight = np.where(planes, options.plane_weight, np.where(region >= 0, 1.0, options.other_weight)).astype(np.float32)
+    field_cell = preparing.field_cell
+    while np.prod(np.ptp(kept_points, axis=0) / field_cell + 80) > LARGEST_FIELD:
+        field_cell *= 1.2
+    pixel = preparing.depth_pixel
+    if origin is not None:
+        # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
+        searched = float(np.median(np.linalg.norm(kept_points[region >= 0] - origin, axis=1)))
+        pixel *= float(np.linalg.norm(raw.mean(axis=0) - origin)) / searched
+    field = kernels.ScanField(
+        kept_points, normals, weight, area, region, field_cell, preparing.field_truncation,
+        [] if origin is None else [float(v) for v in origin],
+        raw if origin is not None else np.zeros((0, 3), np.float32),
+        pixel, preparing.depth_tolerance, preparing.shadow,
+    )  # fmt: skip
+    of_model = np.zeros(len(points), bool)
+    of_model[kept[~planes]] = True
+    mine = of_model[cell]
+    given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing)
+    return Observation(
+        kept_points, normals, given, given_normals, weight, area, region, True, spacing, noise, origin, field, centre,
+        diagonal,
+    )  # fmt: skip
+
+
+def _sixth_neighbour(points: Float) -> Float:
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(points).query(points, k=min(7, len(points)))[0][:, -1], np.float32)
+
+
+def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:
+    """Return the bin of each point: by range, or without a sensor origin by place."""
+    if origin is None:
+        return np.asarray(kernels.voxel_means(points, 2 * options.range_bin)[2], np.int64)
+    distance = np.linalg.norm(points - origin, axis=1)
+    return np.asarray(np.minimum(distance / options.range_bin, 400), np.int64)
+
+
+def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
+    """Return for each point the median of its bin."""
+    order = np.lexsort((values, bins))
+    first = np.flatnonzero(np.diff(bins[order], prepend=-1))
+    counts = np.diff(np.append(first, len(order)))
+    medians = np.zeros(int(bins.max()) + 1, np.float32)
+    medians[bins[order][first]] = values[order][first + counts // 2]
+    return np.asarray(medians[bins])
+
+
+def _near_enough(
+    points: Float, spacing: Float, area: Float, origin: Float | None, model_area: float, options: SceneOptions
+) -> Bools:
+    """Return which points lie close enough together to show the model."""
+    usual = _binned_median(spacing, _range_bins(points, origin, options))
+    for limit in options.spacings:
+        near = (usual < limit) & (spacing < max(1.6 * limit, 0.03))
+        if area[near].sum() > options.enough * 0.42 * model_area:
+            break
+    return np.asarray(near)
+
+
+def _tolerance(points: Float, variance: Float, origin: Float | None, options: SceneOptions) -> Float:
+    """Return how far from a plane each point may lie and be of it."""
+    noise = _binned_median(np.sqrt(np.maximum(variance, 0)), _range_bins(points, origin, options))
+    return np.asarray(np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most))
+
+
+def _wide_planes(
+    points: Float,
+    normals: Float,
+    area: Float,
+    tolerance: Float,
+    surfaces: Sequence[Surface],
+    options: SceneOptions,
+) -> Bools:
+    """Return which points lie on planes wider than anything planar of the model can be (RANSAC, by area)."""
+    random = np.random.default_rng(0)
+    spread = max(
+        float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
+        for s in surfaces
+        if s.exists
+    )
+    least_spread = max(options.plane_wider * spread, options.plane_least)
+    least_area = options.plane_area * max(s.area for s in surfaces)
+    # Drawn by area, samples near and far count by the surface that they stand for.
+    sample = random.choice(len(points), min(options.plane_sample, len(points)), p=area / area.sum())
+    left, background = np.ones(len(points), bool), np.zeros(len(points), bool)
+    for _ in range(options.planes):
+        remaining = sample[left[sample]]
+        if len(remaining) < 0.02 * len(sample):
+            break
+        seeds = random.choice(remaining, options.plane_trials)
+        offset = np.einsum("ij,ij->i", points[seeds], normals[seeds])
+        on = np.abs(points[remaining] @ normals[seeds].T - offset) < tolerance[remaining, None]
+        on &= np.abs(normals[remaining] @ normals[seeds].T) > 0.9
+        best = seeds[int(np.argmax(on.sum(axis=0)))]
+        normal, centre = normals[best], points[best]
+        inliers = np.zeros(0, np.int64)
+        for _ in range(3):
+            inliers = np.flatnonzero(
+                left & (np.abs((points - centre) @ normal) < tolerance) & (np.abs(normals @ normal) > 0.85)
+            )
+            if len(inliers) < 30:
+                break
+            centre = points[inliers].mean(axis=0)
+            scatter = (points[inliers] - centre).T @ (points[inliers] - centre)
+            normal = np.linalg.eigh(scatter)[1][:, 0].astype(np.float32)
+        left[best] = False
+        if len(inliers) < 30:
+            continue
+        left[inliers] = False
+        background |= _wide_pieces(
+            points, normals, area, tolerance, inliers, centre, normal, least_spread, least_area, options
+        )
+        left &= ~background
+    return background
+
+
+def _wide_pieces(
+    points: Float,
+    normals: Float,
+    area: Float,
+    tolerance: Float,
+    inliers: NDArray[np.int64],
+    centre: Float,
+    normal: Float,
+    least_spread: float,
+    least_area: float,
+    options: SceneOptions,
+) -> Bools:
+    """Return which points lie on the wide connected pieces of one plane."""
+    from scipy import ndimage
+
+    axes = np.linalg.svd(normal[None].astype(float))[2][1:]
+    flat = (points - centre) @ axes.T
+    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell
+    at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
+    shape = at[inliers].max(axis=0) + 2
+    footprint = np.zeros(shape, bool)
+    footprint[tuple(at[inliers].T)] = True
+    label, count = ndimage.label(footprint, np.ones((3, 3)))
+    piece = label[tuple(at[inliers].T)]
+    wide = np.zeros(count + 1, bool)
+    for index in range(1, count + 1):
+        own = inliers[piece == index]
+        if len(own) < 20 or area[own].sum() < least_area:
+            continue
+        deviation = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
+        wide[index] = deviation[0] > least_spread or (
+            deviation[0] > 0.6 * least_spread and deviation[1] > 3 * least_spread
+        )
+    if not wide.any():
+        return np.zeros(len(points), bool)
+    covered = ndimage.binary_dilation(wide[label], np.ones((3, 3)))
+    inside = ((at >= 0) & (at < shape)).all(axis=1)
+    inside[inside] = covered[tuple(at[inside].T)]
+    distance, facing = np.abs((points - centre) @ normal), np.abs(normals @ normal)
+    return np.asarray(inside & (distance < 1.5 * tolerance) & ((facing > 0.8) | (distance < 0.7 * tolerance)))
+
+
+def _regions(
+    points: Float, area: Float, searched: Bools, model_area: float, options: SceneOptions
+) -> NDArray[np.int64]:
+    """Return the connected region of each point, largest first; -1 for what is not searched."""
+    region = np.full(len(points), -1, np.int64)
+    chosen = np.flatnonzero(searched)
+    if len(chosen) == 0:
+        return region
+    label = kernels.components(np.ascontiguousarray(points[chosen]), options.link)
+    areas = np.bincount(label, weights=area[chosen])
+    large = (areas > options.region_area * 0.42 * model_area) & (np.bincount(label) > options.region_points)
+    rank = np.full(len(areas), -1, np.int64)
+    order = np.argsort(-areas, kind="stable")
+    order = order[large[order]]
+    rank[order] = np.arange(len(order))
+    region[chosen] = rank[label]
+    return region
+
+
+def _surroundings(points: Float, searched: Bools, margin: float) -> Bools:
+    """Return what is searched and what lies near it."""
+    from scipy.spatial import cKDTree
+
+    kept = searched.copy()
+    others = np.flatnonzero(~searched)
+    low, high = points[searched].min(axis=0) - margin, points[searched].max(axis=0) + margin
+    others = others[((points[others] > low) & (points[others] < high)).all(axis=1)]
+    coarse = kernels.voxel_means(np.ascontiguousarray(points[searched]), margin / 4)[0]
+    kept[others] = np.isfinite(cKDTree(coarse).query(points[others], distance_upper_bound=margin)[0])
+    return kept

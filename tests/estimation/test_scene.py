@@ -1,0 +1,103 @@
+"""The model in whole scenes: what is told from it, what is searched, and that it is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.benchmark.metrics import Ruler
+from pwralign_kin.estimation.observation import Observation, ObservationOptions
+from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
+
+pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
+
+EVERYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
+
+
+@pytest.fixture(scope="module")
+def excavator(robots_folder: Path) -> pk.ArticulatedModel:
+    return pk.ArticulatedModel.from_urdf(robots_folder / "excavator" / "excavator.urdf")
+
+
+@pytest.fixture(scope="module")
+def scene(excavator: pk.ArticulatedModel) -> SimulatedScan:
+    return simulate_scene(excavator, room=Room(contacts=1), seed=14)
+
+
+def observed(model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, np.ndarray] = EVERYWHERE) -> Observation:
+    return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), 2)
+
+
+def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    reach = model_reach(excavator.kernel_model, excavator.surfaces) * excavator.diagonal
+    alone = pk.Scan(scene.scan.points[scene.labels >= 0], sensor_origin=np.zeros(3))
+
+    assert is_scene(scene.scan, excavator.diagonal, reach, SceneOptions())
+    assert not is_scene(alone, excavator.diagonal, reach, SceneOptions())
+
+
+def test_walls_and_floors_are_surroundings_and_the_model_is_searched(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    from scipy.spatial import cKDTree
+
+    ready = observed(excavator, scene.scan)
+
+    searched = ready.points[ready.regions >= 0] * ready.diagonal + ready.centre
+    own = scene.scan.points[scene.labels >= 0]
+    assert (cKDTree(searched).query(own)[0] < 0.03 * ready.diagonal).mean() > 0.9
+    assert len(searched) < 0.5 * len(scene.scan.points)
+    assert (ready.weights[ready.regions < 0] < 1).all()
+
+
+def test_only_the_box_is_searched(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    low, high = (getattr(scene.scan.points[scene.labels >= 0], side)(axis=0) for side in ("min", "max"))
+    ready = observed(excavator, scene.scan, (low, high))
+
+    searched = ready.points[ready.regions >= 0] * ready.diagonal + ready.centre
+    margin = 0.02 * ready.diagonal
+    assert ((searched > low - margin) & (searched < high + margin)).all()
+    with pytest.raises(ScanError, match="what is to be searched"):
+        observed(excavator, scene.scan, (low + 100.0, high + 100.0))
+
+
+def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    estimate = pk.estimate(excavator, scene.scan)
+
+    ruler = Ruler(excavator)
+    assert ruler.score(ruler.reference(scene.state, scene.labels[scene.labels >= 0]), estimate.state).overlay
+    own, named = scene.labels >= 0, estimate.scan_labels >= 0
+    assert (own & named).sum() > 0.95 * own.sum()
+    assert (own & named).sum() > 0.8 * named.sum()
+
+
+@pytest.mark.slow
+def test_a_point_on_one_of_two_copies_finds_that_copy(excavator: pk.ArticulatedModel) -> None:
+    scene = simulate_scene(excavator, room=Room(second_copy=True, furniture=2), seed=4)
+    (copy,) = scene.copies
+    ruler = Ruler(excavator)
+    for state, labels in ((scene.state, scene.labels), (copy.state, copy.labels)):
+        near = tuple(np.median(scene.scan.points[labels == np.bincount(labels[labels >= 0]).argmax()], axis=0))
+        estimate = pk.estimate(excavator, scene.scan, options=pk.EstimatorOptions(near=near))
+        distance = np.linalg.norm(estimate.state.T_scan_base[:3, 3] - state.T_scan_base[:3, 3])
+        assert distance < 0.05 * excavator.diagonal
+        assert ruler.score(ruler.reference(state, labels[labels >= 0]), estimate.state).recall > 0.6
+
+
+def test_millimetres_are_noticed(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    from pwralign_kin.exceptions import UnitError
+
+    with pytest.raises(UnitError):
+        pk.estimate(excavator, scene.scan.scaled(1000.0))
+
+
+def test_a_box_that_is_no_hint_of_the_scene_is_refused(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    options = replace(pk.EstimatorOptions(), region=(90.0, 90.0, 90.0, 91.0, 91.0, 91.0))
+    with pytest.raises(ScanError):
+        pk.estimate(excavator, scene.scan, options=options)
