@@ -16,6 +16,7 @@ from pwralign_kin.estimation.correspondences import Correspondences, oriented_pa
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -38,6 +39,8 @@ NO_POINTS = 3.0
 """... and scan points that it may leave unexplained."""
 LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
+GROWN_FROM_BASE = 12
+"""Configurations that are grown from each placement of a known base."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 
@@ -89,7 +92,7 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
-        for name in (*options.locked, *options.prior):
+        for name in (*options.locked, *options.prior, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
         for name, value in options.prior.items():
@@ -97,12 +100,16 @@ class Estimator:
             lower, upper = model.lower[joint], model.upper[joint]
             if not model.continuous[joint] and not lower <= value <= upper:
                 raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+        for name, std in options.prior_std.items():
+            if not (np.isfinite(std) and std > 0):
+                raise StateError(f"the standard deviation of joint {name!r} must be a positive number, not {std}")
         self.model = model
         self.options = options
         self.progress = progress
         self.threads = options.threads or os.cpu_count() or 1
         self.slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(self.slide, model.diagonal, 1.0)
+        self.prior_std = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names]) / self.unit
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
@@ -134,16 +141,18 @@ class Estimator:
         return np.where(model.continuous, turned, np.clip(values, model.lower, model.upper)) / self.unit
 
     def _bounds(self, prior: Array) -> tuple[Array, Array]:
-        """Return the joint limits in search units; a locked joint's limits are its prior value."""
+        """Return the joint limits in search units, narrowed by priors; a locked joint's limits are its prior value."""
         locked = np.isin(self.model.joint_names, self.options.locked)
-        lower, upper = self.model.lower / self.unit, self.model.upper / self.unit
+        lower = np.maximum(self.model.lower / self.unit, prior - JOINT_REACH * self.prior_std)
+        upper = np.minimum(self.model.upper / self.unit, prior + JOINT_REACH * self.prior_std)
         return np.where(locked, prior, lower), np.where(locked, prior, upper)
 
     def _search(self, observation: Observation, prior: Array, lower: Array, upper: Array) -> TreeSearch:
         native = self.model.kernel_model
-        if self.options.locked:
+        if self.options.locked or self.options.prior_std:
             native = native.restricted(lower, upper)
-        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads)
+        known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
+        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads, known)
 
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
@@ -151,6 +160,9 @@ class Estimator:
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
             grown = search.grow(hypotheses)
+            if search.known.near:
+                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
+                grown = Candidates.concatenate([from_base, grown])
         with watch.stage("refinement"):
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
@@ -228,6 +240,8 @@ class Estimator:
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
+        if solver.search.known.held:
+            base = solver.search.known.placement
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(base, values))
             return Solution(base, values, problem, True, 0)
@@ -288,7 +302,7 @@ class Estimator:
         explained = labels >= 0
         names = model.joint_names
         variances = np.diag(judged.covariance)[6:] * self.unit**2
-        std = np.where(judged.undetermined, np.inf, np.sqrt(variances))
+        std = np.where(judged.undetermined, self.prior_std * self.unit, np.sqrt(variances))
         scale = np.concatenate([np.ones(3), np.full(3, model.diagonal), self.unit])
         seen_weight = search.weights * search.exists
         return Estimate(

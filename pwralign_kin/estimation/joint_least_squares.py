@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.prior import INDEPENDENT_POINTS
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
@@ -59,6 +60,12 @@ class Problem:
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
     counts: NDArray[np.int32]
     """(parts,) correspondences per part."""
+    prior_H: Array
+    """(6 + k, 6 + k) inverse covariance of what is known beforehand; not in `H`."""
+    prior_g: Array
+    """(6 + k,) its right-hand side."""
+    prior_weight: float
+    """Weight of the prior on the scale of `H`."""
 
 
 @dataclass(frozen=True)
@@ -128,20 +135,34 @@ class JointLeastSquares:
         )  # fmt: skip
         H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
-        return Problem(H, g, information, full, counts)
+        prior_H, prior_g = self.prior(base, values)
+        return Problem(H, g, information, full, counts, prior_H, prior_g, sigma**2 / INDEPENDENT_POINTS)
+
+    def prior(self, base: Array, values: Array) -> tuple[Array, Array]:
+        """Return inverse covariance (6 + k, 6 + k) and right-hand side of the priors at a configuration."""
+        known = self.search.known
+        H, g = np.zeros((6 + len(values), 6 + len(values))), np.zeros(6 + len(values))
+        H[:6, :6], g[:6] = self.search.native.base_prior(base[None])
+        H[range(6, len(H)), range(6, len(H))] = 1.0 / known.std**2
+        g[6:] = (known.values - values) / known.std**2
+        return H, g
 
     def solve(self, problem: Problem, values: Array) -> Array:
         """Return the bounded step (6 + k,)."""
         size = len(problem.g)
         H = problem.H + np.diag(self.options.damping + 1e-4 * np.diag(problem.H))
+        H += problem.prior_weight * problem.prior_H
         low = np.full(size, -self.options.most_turn)
         high = np.full(size, self.options.most_turn)
+        if self.search.known.held:
+            low[:6] = high[:6] = 0.0
         if self.options.bounds:
             # A joint that wraps has no wall at its limits, unless it is locked.
             free = self.model.continuous & (self.upper > self.lower)
             low[6:] = np.maximum(low[6:], np.where(free, -np.inf, self.lower - values))
             high[6:] = np.minimum(high[6:], np.where(free, np.inf, self.upper - values))
-        result = _quadratic_program(size)(h=H, g=-problem.g, lbx=np.minimum(low, high), ubx=high)
+        g = problem.g + problem.prior_weight * problem.prior_g
+        result = _quadratic_program(size)(h=H, g=-g, lbx=np.minimum(low, high), ubx=high)
         return np.asarray(result["x"], dtype=np.float64).ravel()
 
     def run(self, base: Array, values: Array) -> Solution:

@@ -139,7 +139,7 @@ void Search::score(std::vector<Configuration> &configurations, int points, float
         std::vector<int> owner(field.points.size(), -1);
         for (size_t i = 0; i < sampled.size(); ++i) owner[shuffled[i]] = a.part[i];
         update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
-        configurations[c].score = total_score(covered[c], &support[c * n]);
+        configurations[c].score = total_score(covered[c], &support[c * n]) - prior.cost(configurations[c].base, configurations[c].values);
     });
 }
 
@@ -201,7 +201,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             assign_more(&sampled[0].p, 2, T.data(), moves.data(), a);
             for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
             update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-            moved.score = total_score(coverage(a, sampled, F, options.coverage_distance), support.data());
+            moved.score = total_score(coverage(a, sampled, F, options.coverage_distance), support.data()) - prior.cost(moved.base, moved.values);
             row.push_back(moved.score);
             tried.push_back(std::move(moved));
         }
