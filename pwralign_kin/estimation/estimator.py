@@ -82,6 +82,19 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
+@dataclass(frozen=True)
+class Fit:
+    """One scan searched: the state of an estimate before the joint least squares."""
+
+    scan: Scan
+    solver: JointLeastSquares
+    finished: Candidates
+    """Distinct answers, best first."""
+    prior: Array
+    """(k,) values in search units that joints keep where the scan does not tell."""
+    watch: Stopwatch
+
+
 class Estimator:
     """The pipeline for one model and one set of options."""
 
@@ -113,6 +126,13 @@ class Estimator:
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
+        fit = self.fit(scan, initial, correspondences)
+        with fit.watch.stage("least squares"):
+            solution = self._solve(fit.solver, fit.finished)
+        return self.concluded(fit, solution)
+
+    def fit(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Fit:
+        """Return all answers worth comparing, before the joint least squares."""
         watch = Stopwatch(self.progress)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
@@ -126,11 +146,14 @@ class Estimator:
             solutions = self._from_guess(search, guess, prior, correspondences, watch)
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
-        with watch.stage("least squares"):
-            solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
-            solution = self._solve(solver, finished)
-            solution, judged = self._judge(search, solver, solution, prior)
-        return self._report(scan, search, finished, solution, judged, watch)
+        solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
+        return Fit(scan, solver, finished, prior, watch)
+
+    def concluded(self, fit: Fit, solution: Solution) -> Estimate:
+        """Return the estimate that a solution of the joint least squares makes."""
+        with fit.watch.stage("least squares"):
+            solution, judged = self._judge(fit.solver.search, fit.solver, solution, fit.prior)
+        return self._report(fit.scan, fit.solver.search, fit.finished, solution, judged, fit.watch)
 
     def _prior(self, initial: State | None) -> Array:
         """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
@@ -234,9 +257,7 @@ class Estimator:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        tight = 0.012 + 1.5 * min(search.observation.noise, 0.012)
-        total = search.scored(fine)[0].scores + search.scored(fine, tight)[0].scores
-        return Candidates(fine.bases, fine.values, total).best_first()
+        return ranked(search, fine)
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
@@ -366,6 +387,13 @@ class Estimator:
         margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
         logit = 10 * (coverage - 0.6) + 6 * (supported - 0.6) + min(4.0, 10 * margin) - 1
         return float(1 / (1 + np.exp(-logit)))
+
+
+def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return refined candidates by coarse and tight scores together, best first."""
+    tight = 0.012 + 1.5 * min(search.observation.noise, 0.012)
+    total = search.scored(candidates)[0].scores + search.scored(candidates, tight)[0].scores
+    return Candidates(candidates.bases, candidates.values, total).best_first()
 
 
 def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:

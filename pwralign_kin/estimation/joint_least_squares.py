@@ -47,6 +47,16 @@ class LeastSquaresOptions:
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known before the scan is looked at, linearised at one configuration."""
+
+    H: Array
+    """(6 + k, 6 + k) inverse covariance."""
+    g: Array
+    """(6 + k,) right-hand side."""
+
+
+@dataclass(frozen=True)
 class Problem:
     """The reduced problem at one configuration, in search units."""
 
@@ -60,12 +70,17 @@ class Problem:
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
     counts: NDArray[np.int32]
     """(parts,) correspondences per part."""
-    prior_H: Array
-    """(6 + k, 6 + k) inverse covariance of what is known beforehand; not in `H`."""
-    prior_g: Array
-    """(6 + k,) its right-hand side."""
-    prior_weight: float
-    """Weight of the prior on the scale of `H`."""
+    gradients: Array
+    """(parts, 6) right-hand side of every part in twist space: `g` is the sum of J' gradients."""
+    prior: Prior
+    """What is known beforehand; `H` and `g` are of the scan alone."""
+    sigma: float
+    """Robust scale of the residuals."""
+
+    @property
+    def evidence(self) -> float:
+        """What `H` must be multiplied by to be an inverse covariance beside the prior's."""
+        return INDEPENDENT_POINTS / self.sigma**2
 
 
 @dataclass(frozen=True)
@@ -135,25 +150,27 @@ class JointLeastSquares:
         )  # fmt: skip
         H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
-        prior_H, prior_g = self.prior(base, values)
-        return Problem(H, g, information, full, counts, prior_H, prior_g, sigma**2 / INDEPENDENT_POINTS)
+        return Problem(H, g, information, full, counts, part_g, self.prior(base, values), sigma)
 
-    def prior(self, base: Array, values: Array) -> tuple[Array, Array]:
-        """Return inverse covariance (6 + k, 6 + k) and right-hand side of the priors at a configuration."""
+    def prior(self, base: Array, values: Array) -> Prior:
+        """Return what is known beforehand at a configuration."""
         known = self.search.known
         H, g = np.zeros((6 + len(values), 6 + len(values))), np.zeros(6 + len(values))
         H[:6, :6], g[:6] = self.search.native.base_prior(base[None])
         H[range(6, len(H)), range(6, len(H))] = 1.0 / known.std**2
         g[6:] = (known.values - values) / known.std**2
-        return H, g
+        return Prior(H, g)
 
     def solve(self, problem: Problem, values: Array) -> Array:
         """Return the bounded step (6 + k,)."""
-        size = len(problem.g)
-        H = problem.H + np.diag(self.options.damping + 1e-4 * np.diag(problem.H))
-        H += problem.prior_weight * problem.prior_H
-        low = np.full(size, -self.options.most_turn)
-        high = np.full(size, self.options.most_turn)
+        H = problem.H + problem.prior.H / problem.evidence
+        g = problem.g + problem.prior.g / problem.evidence
+        return bounded_step(H, g, *self.step_bounds(values), self.options.damping)
+
+    def step_bounds(self, values: Array) -> tuple[Array, Array]:
+        """Return the least and the largest step (6 + k,) from `values`."""
+        low = np.full(6 + len(values), -self.options.most_turn)
+        high = -low
         if self.search.known.held:
             low[:6] = high[:6] = 0.0
         if self.options.bounds:
@@ -161,9 +178,7 @@ class JointLeastSquares:
             free = self.model.continuous & (self.upper > self.lower)
             low[6:] = np.maximum(low[6:], np.where(free, -np.inf, self.lower - values))
             high[6:] = np.minimum(high[6:], np.where(free, np.inf, self.upper - values))
-        g = problem.g + problem.prior_weight * problem.prior_g
-        result = _quadratic_program(size)(h=H, g=-g, lbx=np.minimum(low, high), ubx=high)
-        return np.asarray(result["x"], dtype=np.float64).ravel()
+        return np.minimum(low, high), high
 
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
@@ -188,6 +203,14 @@ class JointLeastSquares:
         wraps = self.model.continuous & (span > 0)
         turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
         return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
+    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping."""
+    size = len(g)
+    damped = H + np.diag(damping + 1e-4 * np.diag(H))
+    result = _quadratic_program(size)(h=damped, g=-g, lbx=low, ubx=high)
+    return np.asarray(result["x"], dtype=np.float64).ravel()
 
 
 @lru_cache(maxsize=64)
