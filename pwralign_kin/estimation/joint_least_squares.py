@@ -18,9 +18,15 @@ from numpy.typing import NDArray
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.prior import INDEPENDENT_POINTS
+from pwralign_kin.estimation.silhouette import ON_MODEL, Silhouette
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
+
+OUTLINE_REACH = 0.03
+"""Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
+LEAST_OUTLINED = 100
+"""Scan points on the model below which there is no outline."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,10 @@ class LeastSquaresOptions:
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
     """Correspondences farther than this many robust scales do not count."""
+    silhouette: bool = True
+    """Whether the model's outline is fitted to that of a scan seen from one place."""
+    most_silhouette: float = 3.0
+    """Greatest weight of the outline against the surface; below it, they weigh by their residuals' variances."""
     damping: float = 1e-6
     most_turn: float = 0.1
     """Largest step of a rotation, rad."""
@@ -114,6 +124,8 @@ class JointLeastSquares:
         self.options = options
         slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(slide, model.diagonal, 1.0)
+        self.silhouette: Silhouette | None = None
+        self.surface_residual = 0.0
 
     @property
     def locked(self) -> NDArray[np.bool_]:
@@ -123,7 +135,49 @@ class JointLeastSquares:
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
-        return JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        solver = JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        solver.silhouette, solver.surface_residual = self.silhouette, self.surface_residual
+        return solver
+
+    def look(self, base: Array, values: Array) -> None:
+        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end."""
+        search = self.search
+        at = Candidates(base[None], values[None], np.zeros(1, np.float32))
+        self.surface_residual = search.residual(at)
+        if not (self.options.silhouette and search.observation.single_view):
+            return
+        raw = search.observation.raw
+        placements = np.ascontiguousarray(search.part_placements(at)[0])
+        distance = search.native.assign(raw, placements, search.exists.astype(np.uint8), ON_MODEL)[0]
+        on_model = distance < ON_MODEL
+        if on_model.sum() > LEAST_OUTLINED:
+            self.silhouette = Silhouette(search.observation, raw, on_model)
+
+    def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
+        """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
+        information, gradients = np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
+        if self.silhouette is None:
+            return information, gradients
+        surfaces = self.search.surfaces
+        parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
+        points = np.concatenate(
+            [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
+        )
+        spacing = max(float(s.scalars[1]) for s in surfaces if s.exists)
+        found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
+        if len(found.residuals) == 0:
+            return information, gradients
+        # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
+        sigma = max(1.48 * float(np.median(np.abs(found.residuals))), 0.5 * found.pixel)
+        kernel = sigma**2 / (sigma**2 + found.residuals**2)
+        weight = min(self.options.most_silhouette, (self.surface_residual / sigma) ** 2)
+        w = weight * kernel**2 / len(found.residuals)
+        twist = np.concatenate([np.cross(found.points - centre, found.directions), found.directions], axis=1)
+        for part in np.unique(found.parts):
+            mine = found.parts == part
+            information[part] = np.einsum("n,ni,nj->ij", w[mine], twist[mine], twist[mine])
+            gradients[part] = -(w[mine] * found.residuals[mine]) @ twist[mine]
+        return information, gradients
 
     def robust_scale(self, base: Array, values: Array) -> float:
         """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""
@@ -148,6 +202,8 @@ class JointLeastSquares:
             sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights,
         )  # fmt: skip
+        outline = self.outline(base @ placed, base[:3, 3])
+        information, part_g = information + outline[0], part_g + outline[1]
         H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
         return Problem(H, g, information, full, counts, part_g, self.prior(base, values), sigma)
@@ -185,6 +241,8 @@ class JointLeastSquares:
         base, values = base.copy(), values.copy()
         converged, iterations = False, 0
         sigma = self.robust_scale(base, values)
+        if self.silhouette is None:
+            self.look(base, values)
         problem = self.build(base, values, sigma)
         while not converged and iterations < self.options.iterations:
             iterations += 1

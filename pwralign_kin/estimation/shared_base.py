@@ -331,18 +331,21 @@ class SharedLeastSquares:
 
     def columns(self, scan: int) -> NDArray[np.int64]:
         """Return where the base and the joints of one scan stand among all unknowns."""
-        return np.r_[np.arange(6), 6 + scan * self.joints + np.arange(self.joints)]
+        return np.concatenate([np.arange(6), 6 + scan * self.joints + np.arange(self.joints)])
 
     def run(self, starts: Sequence[Candidates]) -> SharedSolution:
         """Iterate from one configuration a scan, whose bases may differ a little, to convergence."""
         solvers, options = self.solvers, self.solvers[0].options
         observations = [solver.search.observation for solver in solvers]
         base = _mean([o.to_scan(start.bases[0]) for o, start in zip(observations, starts, strict=True)])
-        if solvers[0].search.known.held:
-            base = observations[0].to_scan(solvers[0].search.known.placement)
+        known = solvers[0].search.known
+        if known.held and known.placement is not None:
+            base = observations[0].to_scan(known.placement)
         values = [s.limited(start.values[0]) for s, start in zip(solvers, starts, strict=True)]
         bases = [o.to_search(base) for o in observations]
         sigmas = [s.robust_scale(b, v) for s, b, v in zip(solvers, bases, values, strict=True)]
+        for solver, at, v in zip(solvers, bases, values, strict=True):
+            solver.look(at, v)
         converged, iterations = not options.enabled, 0
         while True:
             bases = [o.to_search(base) for o in observations]
