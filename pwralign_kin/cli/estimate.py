@@ -10,15 +10,13 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, Joints, PackageDirs, ScanPath, Seed, Units, Urdf
+from pwralign_kin.cli.arguments import Box, GeometryChoice, Joints, PackageDirs, ScanPath, Seed, Triple, Units, Urdf
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import Estimate
     from pwralign_kin.state import State
 
-Triple = tuple[float, float, float]
-Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
 

@@ -25,6 +25,8 @@ from pwralign_kin.se3 import Array
 
 OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
+EXACT = 0.003
+"""Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -48,7 +50,7 @@ class LeastSquaresOptions:
     silhouette: bool = True
     """Whether the model's outline is fitted to that of a scan seen from one place."""
     most_silhouette: float = 3.0
-    """Greatest weight of the outline against the surface; below it, they weigh by their residuals' variances."""
+    """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
     damping: float = 1e-6
     most_turn: float = 0.1
     """Largest step of a rotation, rad."""
@@ -125,7 +127,7 @@ class JointLeastSquares:
         slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(slide, model.diagonal, 1.0)
         self.silhouette: Silhouette | None = None
-        self.surface_residual = 0.0
+        self.systematic = 0.0
 
     @property
     def locked(self) -> NDArray[np.bool_]:
@@ -136,15 +138,16 @@ class JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
         solver = JointLeastSquares(self.model, self.search, lower, upper, self.options)
-        solver.silhouette, solver.surface_residual = self.silhouette, self.surface_residual
+        solver.silhouette, solver.systematic = self.silhouette, self.systematic
         return solver
 
     def look(self, base: Array, values: Array) -> None:
         """Tell the model's points in the image of a single view from the rest, by a configuration near to the end."""
         search = self.search
         at = Candidates(base[None], values[None], np.zeros(1, np.float32))
-        self.surface_residual = search.residual(at)
-        if not (self.options.silhouette and search.observation.single_view):
+        known = (1.2 * search.observation.noise) ** 2 + EXACT**2
+        self.systematic = float(np.sqrt(max(search.residual(at) ** 2 - known, 0.0)))
+        if not (self.options.silhouette and search.observation.single_view and self.systematic > 0):
             return
         raw = search.observation.raw
         placements = np.ascontiguousarray(search.part_placements(at)[0])
@@ -170,7 +173,7 @@ class JointLeastSquares:
         # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
         sigma = max(1.48 * float(np.median(np.abs(found.residuals))), 0.5 * found.pixel)
         kernel = sigma**2 / (sigma**2 + found.residuals**2)
-        weight = min(self.options.most_silhouette, (self.surface_residual / sigma) ** 2)
+        weight = min(self.options.most_silhouette, (self.systematic / sigma) ** 2)
         w = weight * kernel**2 / len(found.residuals)
         twist = np.concatenate([np.cross(found.points - centre, found.directions), found.directions], axis=1)
         for part in np.unique(found.parts):

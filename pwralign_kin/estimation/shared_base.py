@@ -7,7 +7,7 @@ normal matrix has the shape of an arrow, a block per scan that only the base's r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.estimator import Estimator, Fit, ranked
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
 from pwralign_kin.estimation.observation import Observation
@@ -111,29 +112,30 @@ class SharedBaseEstimate:
 def estimate_shared_base(
     model: ArticulatedModel,
     scans: Sequence[Scan],
-    initial: State | Sequence[State | None] | None = None,
-    options: EstimatorOptions | Sequence[EstimatorOptions] | None = None,
+    initials: Sequence[State | None],
+    correspondences: Sequence[Correspondences | None],
+    options: Sequence[EstimatorOptions],
     progress: Callable[[str], None] | None = None,
 ) -> SharedBaseEstimate:
-    """Estimate one base placement and the joint values of every scan.
+    """Return the estimate of one base and the joints of every scan; everything else is given one a scan.
 
-    `initial` is one guess for all scans or one a scan; likewise `options`, whose joint priors and locks may differ.
-    Raises what `estimate` raises, and `StateError` when the numbers of scans, guesses and options differ.
+    The options' joint priors and locks may differ, what they know of the base may not. Raises `StateError` when there
+    are no scans, and what `Estimator` raises.
     """
-    initials = _one_each(initial, State, len(scans), "initial states")
-    all_options = _one_each(options or EstimatorOptions(), EstimatorOptions, len(scans), "options")
+    if not scans:
+        raise StateError("no scans were given")
     fits = [
-        Estimator(model, own, _numbered(progress, i)).fit(scan, guess, None)
-        for i, (scan, guess, own) in enumerate(zip(scans, initials, all_options, strict=True))
+        Estimator(model, own, _numbered(progress, i)).fit(scan, guess, pairs)
+        for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True))
     ]
     if progress is not None:
         progress("consensus")
-    fits, starts, outvoted = _consensus(model, fits, all_options)
+    fits, starts, outvoted = _consensus(model, fits, options)
     if progress is not None:
         progress("joint least squares")
     solved = SharedLeastSquares([fit.solver for fit in fits]).run(starts)
     estimates = []
-    for own, fit, solution in zip(all_options, fits, solved.solutions, strict=True):
+    for own, fit, solution in zip(options, fits, solved.solutions, strict=True):
         _tell(fit, _known_base(fit, solution.base, 0.0, 0.0))
         estimate = Estimator(model, own).concluded(fit, solution)
         estimates.append(_with_base_covariance(estimate, fit, solution, solved.base_covariance))
@@ -147,37 +149,6 @@ def estimate_shared_base(
         solved.converged,
         solved.iterations,
     )
-
-
-def calibrate(
-    model: ArticulatedModel,
-    scans: Sequence[Scan],
-    joints: Sequence[Mapping[str, float]],
-    options: EstimatorOptions | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> SharedBaseEstimate:
-    """Estimate where the robot stands in the sensor's frame from scans with known joint values (rad or m).
-
-    `joints` holds the values of each scan by name, as encoders give them; joints that are not named are estimated.
-    Raises what `estimate` raises, and `StateError` when there is not one set of values a scan.
-    """
-    if len(joints) != len(scans):
-        raise StateError(f"{len(scans)} scans but {len(joints)} sets of joint values")
-    options = options or EstimatorOptions()
-    locked = [
-        replace(options, prior={**options.prior, **known}, locked=tuple({**dict.fromkeys(options.locked), **known}))
-        for known in joints
-    ]
-    return estimate_shared_base(model, scans, options=locked, progress=progress)
-
-
-def _one_each(given: Any, kind: type, count: int, what: str) -> list[Any]:
-    """Return `given` for each scan: one for all, or already one a scan."""
-    if given is None or isinstance(given, kind):
-        given = [given] * count
-    if len(given) != count or count == 0:
-        raise StateError(f"{count} scans but {len(given)} {what}" if count else "no scans were given")
-    return list(given)
 
 
 def _numbered(progress: Callable[[str], None] | None, scan: int) -> Callable[[str], None] | None:
@@ -202,7 +173,7 @@ def _known_base(fit: Fit, base: Array, translation_std: float, rotation_std: flo
 
 
 def _consensus(
-    model: ArticulatedModel, fits: list[Fit], options: list[EstimatorOptions]
+    model: ArticulatedModel, fits: list[Fit], options: Sequence[EstimatorOptions]
 ) -> tuple[list[Fit], list[Candidates], tuple[int, ...]]:
     """Return the fits, of each the configuration at the base that serves all scans best, and the outvoted scans.
 
