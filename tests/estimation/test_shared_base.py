@@ -70,9 +70,7 @@ def test_a_scan_that_goes_wrong_alone_follows_the_others(arm: pk.ArticulatedMode
     assert shared.estimates[2].state.joints["elbow"] == pytest.approx(values["elbow"], abs=np.radians(2.0))
 
 
-def test_calibration_keeps_the_joints_and_finds_the_base(
-    arm: pk.ArticulatedModel, views: list[SimulatedScan]
-) -> None:
+def test_calibration_keeps_the_joints_and_finds_the_base(arm: pk.ArticulatedModel, views: list[SimulatedScan]) -> None:
     found = pk.calibrate(arm, [view.scan for view in views], VALUES)
     distance, angle = _apart(views[0].state.T_scan_base, found.T_scan_base)
     assert distance < 0.003
