@@ -23,7 +23,7 @@ Vector = tuple[float, float, float]
 
 JOINT_REACH = 4.0
 """Standard deviations about its prior value that a joint is searched in."""
-INDEPENDENT_POINTS = 100
+INDEPENDENT_POINTS = 1000
 """Neighbouring points share the sensor's error: beside a prior, a scan is worth about this many independent ones."""
 LEAST_STD = 1e-4
 """Smallest standard deviation of a base (rad, model diagonals) that is told from an exact one."""

@@ -38,8 +38,8 @@ TRIED = 6
 SEARCHED_AGAIN = 2
 """... and most for which the scans that contradict them are searched again."""
 SOFTNESS = 3.2
-"""How much softer the robust cost is than its normal matrix says, which holds the weights fixed: E[w] / E[(w r)'] of the
-Geman-McClure kernel for normal residuals r of its own scale, by numerical integration 0.500 / 0.156."""
+"""How much softer the robust cost is than its normal matrix says, which holds the weights fixed: E[w] / E[(w r)'] of
+the Geman-McClure kernel for normal residuals r of its own scale, by numerical integration 0.500 / 0.156."""
 WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 """Robust scales (model diagonals) that scans follow another scan's base with."""
 

@@ -117,7 +117,7 @@ Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> valu
 }
 
 float Prior::base_cost(const Rigid &at) const {
-    constexpr double cost_of_deviation = .15;
+    constexpr double cost_of_deviation = .05;
     return base.says_something() ? float(cost_of_deviation * std::max(0., loose.deviation(at) - free_deviations)) : 0.f;
 }
 

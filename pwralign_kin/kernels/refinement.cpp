@@ -84,7 +84,7 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
         accumulate(sampled, T, sigma, 3 * sigma + .005f, support_weight, part_weights, normal, assignment);
         model.joint_twists(T.data(), T[0].t, twists.data());
         // Neighbouring points share the sensor's error: a scan is worth about this many independent ones.
-        constexpr double independent_points = 100;
+        constexpr double independent_points = 1000;
         const double belief = sigma * sigma / independent_points;
         std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
         for (int p = n - 1; p > 0; --p) { // normal[p] is complete here: all its descendants have been added
