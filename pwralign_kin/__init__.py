@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pwralign_kin.estimation import (
         Alternative,
+        BasePrior,
         Correspondences,
         Estimate,
         EstimatorOptions,
         PartEstimate,
+        SharedBaseEstimate,
+        calibrate,
         estimate,
     )
     from pwralign_kin.exceptions import PwralignError
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Alternative": "estimation",
     "ArticulatedModel": "model",
+    "BasePrior": "estimation",
     "Correspondences": "estimation",
     "Estimate": "estimation",
     "EstimatorOptions": "estimation",
@@ -30,7 +34,9 @@ _HOME = {
     "PwralignError": "exceptions",
     "Scan": "scan",
     "Sensor": "simulation",
+    "SharedBaseEstimate": "estimation",
     "State": "state",
+    "calibrate": "estimation",
     "estimate": "estimation",
     "simulate": "simulation",
 }
@@ -38,6 +44,7 @@ _HOME = {
 __all__ = [
     "Alternative",
     "ArticulatedModel",
+    "BasePrior",
     "Correspondences",
     "Estimate",
     "EstimatorOptions",
@@ -45,7 +52,9 @@ __all__ = [
     "PwralignError",
     "Scan",
     "Sensor",
+    "SharedBaseEstimate",
     "State",
+    "calibrate",
     "estimate",
     "simulate",
 ]

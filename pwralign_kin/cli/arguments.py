@@ -37,6 +37,14 @@ Units = Annotated[
 
 Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
 
+Triple = tuple[float, float, float]
+Box = tuple[float, float, float, float, float, float]
+
+Gravity = Annotated[
+    Triple | None,
+    Parameter(help="x y z: the direction in the scan that is up for the model (its z), of any length.", negative=()),
+]
+
 Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
 
 
@@ -53,6 +61,31 @@ def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
             raise UsageError(f"--joint takes name=value with a number in rad or m, not {text!r}.")
         values[name] = value
     return values
+
+
+def read_joints(path: Path) -> dict[str, float]:
+    """Return {name: value} of a JSON file: a state.json, or an object of names and values.
+
+    Raises `StateError` naming the file and what is wrong.
+    """
+    import json
+
+    from pwralign_kin.exceptions import StateError
+    from pwralign_kin.state import State
+
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StateError(f"{path}: cannot read: {error.strerror}") from None
+    except ValueError as error:
+        raise StateError(f"{path}: not JSON: {error}") from None
+    joints = content.get("joints", content) if isinstance(content, dict) else content
+    if not isinstance(joints, dict) or not joints:
+        raise StateError(f"{path}: expected an object of joint names and values")
+    try:
+        return dict(State(joints=joints).joints)
+    except StateError as error:
+        raise StateError(f"{path}: {error}") from None
 
 
 def check_folder(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,15 +11,25 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, Joints, PackageDirs, ScanPath, Seed, Units, Urdf
+from pwralign_kin.cli.arguments import (
+    Box,
+    GeometryChoice,
+    Gravity,
+    Joints,
+    PackageDirs,
+    ScanPath,
+    Seed,
+    Triple,
+    Units,
+    Urdf,
+)
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
 
 if TYPE_CHECKING:
-    from pwralign_kin.estimation import Estimate
+    from pwralign_kin.estimation import Estimate, SharedBaseEstimate
+    from pwralign_kin.se3 import Array
     from pwralign_kin.state import State
 
-Triple = tuple[float, float, float]
-Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
 
@@ -26,7 +37,7 @@ def estimate(
     urdf: Urdf,
     scan: ScanPath,
     /,
-    *,
+    *more: Annotated[Path, Parameter(help="Further scans of the same model, sensor and base in the same places.")],
     out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None,
     initial: Annotated[Path | None, Parameter(help="A state.json to start from.")] = None,
     joint: Annotated[
@@ -41,6 +52,15 @@ def estimate(
         Pose | None,
         Parameter(help="x y z qx qy qz qw: where the root link is to start with, m.", negative=()),
     ] = None,
+    base_std: Annotated[
+        tuple[float, float] | None,
+        Parameter(help="Standard deviations of --base, m and degrees; 0 0: it is exact.", negative=()),
+    ] = None,
+    base_region: Annotated[
+        Box | None,
+        Parameter(help="xmin ymin zmin xmax ymax zmax: a box that holds the root link's origin, m.", negative=()),
+    ] = None,
+    gravity: Gravity = None,
     crop: Annotated[
         Box | None,
         Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=()),
@@ -72,26 +92,47 @@ def estimate(
     No guess is needed. Results go to stdout, everything else to stderr.
     """
     values = arguments.joint_values(joint)
-    guess = _guess(initial, base, values)
+    if more and correspondences is not None:
+        raise UsageError("--correspondences are of one scan, but several are given.")
+    if base_std is not None and base is None:
+        raise UsageError("--base-std says how sure --base is: give both.")
+    guess = _guess(initial, None if base_std is not None else base, values)
     if out is not None:
         arguments.check_folder(out)
     with messages.progress() as show:
-        from pwralign_kin.estimation import EstimatorOptions
-        from pwralign_kin.estimation.correspondences import Correspondences
-        from pwralign_kin.estimation.estimator import estimate as estimated
+        from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions
+        from pwralign_kin.estimation import estimate as estimated
         from pwralign_kin.export import export
         from pwralign_kin.model import ArticulatedModel
 
         show("reading the scan")
-        points = arguments.read_scan(scan, sensor_origin, crop)
+        read = [arguments.read_scan(path, sensor_origin, crop) for path in (scan, *more)]
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
         model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
-        points, hint = arguments.in_metres(points, units, model.diagonal, near)
-        options = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values, near=hint)
-        result = estimated(model, points, initial=guess, correspondences=pairs, options=options, progress=show)
+        converted = [arguments.in_metres(points, units, model.diagonal, near) for points in read]
+        scans, hint = [points for points, _ in converted], converted[0][1]
+        known = BasePrior(
+            T_scan_base=None if base is None or base_std is None else _placement(base),
+            translation_std=base_std[0] if base_std else 0.0,
+            rotation_std=math.radians(base_std[1]) if base_std else 0.0,
+            up=gravity,
+            region=None if base_region is None else (base_region[:3], base_region[3:]),
+        )
+        options = EstimatorOptions(
+            seed=seed, threads=threads, locked=tuple(lock or ()), prior=values, base=known, near=hint
+        )
+        result: Estimate | SharedBaseEstimate
+        if more:
+            shared = estimated(model, scans, initial=guess, options=options, progress=show)
+            results, result = shared.estimates, shared
+        else:
+            single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
+            results, result = (single,), single
         show("writing the result")
-        written = [] if out is None else export(result, model, points, out, up=up)
+        written = []
+        for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
+            written += [] if place is None else export(one, model, points, place, up=up)
     _print(result, written, json)
     if result.confidence >= ENOUGH_CONFIDENCE:
         return OK
@@ -99,24 +140,36 @@ def estimate(
     return LOW_CONFIDENCE
 
 
-def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float]) -> State | None:
-    """Return the state to start from, or None to search; `values` go before those of a file."""
+def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:
+    """Return where the result of each scan goes: `out` itself for one, a numbered folder in it for each of several."""
+    if out is None or len(scans) == 1:
+        return [out] * len(scans)
+    return [out / f"{i}_{path.stem}" for i, path in enumerate(scans)]
+
+
+def _placement(base: Pose) -> Array:
     import numpy as np
 
     from pwralign_kin import se3
+
+    return se3.from_quaternion(np.array(base[:3]), np.array(base[3:]))
+
+
+def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float]) -> State | None:
+    """Return the state to start from, or None to search; `values` go before those of a file."""
     from pwralign_kin.state import State
 
     if initial is not None and base is not None:
         raise UsageError("--initial and --base exclude each other.")
     if base is not None:
-        return State(se3.from_quaternion(np.array(base[:3]), np.array(base[3:])), values)
+        return State(_placement(base), values)
     if initial is None:
         return None
     given = State.load(initial)
     return State(given.T_scan_base, {**given.joints, **values}, given.base_link)
 
 
-def _print(result: Estimate, written: list[Path], as_json: bool) -> None:
+def _print(result: Estimate | SharedBaseEstimate, written: list[Path], as_json: bool) -> None:
     if as_json:
         from json import dumps
 

@@ -1,17 +1,22 @@
 """From model and scan to `Estimate`."""
 
 from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher, Matcher
-from pwralign_kin.estimation.estimator import estimate
+from pwralign_kin.estimation.entry import calibrate, estimate
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.prior import BasePrior
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.shared_base import SharedBaseEstimate
 
 __all__ = [
     "Alternative",
+    "BasePrior",
     "Correspondences",
     "Estimate",
     "EstimatorOptions",
     "FpfhMatcher",
     "Matcher",
     "PartEstimate",
+    "SharedBaseEstimate",
+    "calibrate",
     "estimate",
 ]

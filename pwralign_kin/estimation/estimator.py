@@ -16,6 +16,7 @@ from pwralign_kin.estimation.correspondences import Correspondences, oriented_pa
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
@@ -42,6 +43,8 @@ NO_POINTS = 3.0
 """... and scan points that it may leave unexplained."""
 LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
+GROWN_FROM_BASE = 12
+"""Configurations that are grown from each placement of a known base."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 
@@ -83,6 +86,19 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
+@dataclass(frozen=True)
+class Fit:
+    """One scan searched: the state of an estimate before the joint least squares."""
+
+    scan: Scan
+    solver: JointLeastSquares
+    finished: Candidates
+    """Distinct answers, best first."""
+    prior: Array
+    """(k,) values in search units that joints keep where the scan does not tell."""
+    watch: Stopwatch
+
+
 class Estimator:
     """The pipeline for one model and one set of options."""
 
@@ -93,7 +109,7 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
-        for name in (*options.locked, *options.prior):
+        for name in (*options.locked, *options.prior, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
         for name, value in options.prior.items():
@@ -101,15 +117,26 @@ class Estimator:
             lower, upper = model.lower[joint], model.upper[joint]
             if not model.continuous[joint] and not lower <= value <= upper:
                 raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+        for name, std in options.prior_std.items():
+            if not (np.isfinite(std) and std > 0):
+                raise StateError(f"the standard deviation of joint {name!r} must be a positive number, not {std}")
         self.model = model
         self.options = options
         self.progress = progress
         self.threads = options.threads or os.cpu_count() or 1
         self.slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(self.slide, model.diagonal, 1.0)
+        self.prior_std = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names]) / self.unit
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
+        fit = self.fit(scan, initial, correspondences)
+        with fit.watch.stage("least squares"):
+            solution = self._solve(fit.solver, fit.finished)
+        return self.concluded(fit, solution)
+
+    def fit(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Fit:
+        """Return all answers worth comparing, before the joint least squares."""
         watch = Stopwatch(self.progress)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
@@ -125,11 +152,14 @@ class Estimator:
             solutions = search.through(solutions, observation.scaled(np.array([self.options.near])))
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
-        with watch.stage("least squares"):
-            solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
-            solution = self._solve(solver, finished)
-            solution, judged = self._judge(search, solver, solution, prior)
-        return self._report(scan, search, finished, solution, judged, watch)
+        solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
+        return Fit(scan, solver, finished, prior, watch)
+
+    def concluded(self, fit: Fit, solution: Solution) -> Estimate:
+        """Return the estimate that a solution of the joint least squares makes."""
+        with fit.watch.stage("least squares"):
+            solution, judged = self._judge(fit.solver.search, fit.solver, solution, fit.prior)
+        return self._report(fit.scan, fit.solver.search, fit.finished, solution, judged, fit.watch)
 
     def _observe(self, scan: Scan, initial: State | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
@@ -175,16 +205,18 @@ class Estimator:
         return np.where(model.continuous, turned, np.clip(values, model.lower, model.upper)) / self.unit
 
     def _bounds(self, prior: Array) -> tuple[Array, Array]:
-        """Return the joint limits in search units; a locked joint's limits are its prior value."""
+        """Return the joint limits in search units, narrowed by priors; a locked joint's limits are its prior value."""
         locked = np.isin(self.model.joint_names, self.options.locked)
-        lower, upper = self.model.lower / self.unit, self.model.upper / self.unit
+        lower = np.maximum(self.model.lower / self.unit, prior - JOINT_REACH * self.prior_std)
+        upper = np.minimum(self.model.upper / self.unit, prior + JOINT_REACH * self.prior_std)
         return np.where(locked, prior, lower), np.where(locked, prior, upper)
 
     def _search(self, observation: Observation, prior: Array, lower: Array, upper: Array) -> TreeSearch:
         native = self.model.kernel_model
-        if self.options.locked:
+        if self.options.locked or self.options.prior_std:
             native = native.restricted(lower, upper)
-        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads)
+        known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
+        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads, known)
 
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
@@ -194,6 +226,9 @@ class Estimator:
             hypotheses = search.promising(self._hypotheses(search, correspondences))
         with watch.stage("growth"):
             grown = search.grow(hypotheses)
+            if search.known.near:
+                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
+                grown = Candidates.concatenate([from_base, grown])
         with watch.stage("refinement"):
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
@@ -282,16 +317,12 @@ class Estimator:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        blur = search.observation.noise
-        if search.observation.scene:
-            # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
-            blur = max(blur, search.residual(solutions.take([0])))
-        tight = 0.012 + 1.5 * min(blur, 0.012)
-        total = search.scored(fine)[0].scores + search.scored(fine, tight)[0].scores
-        return Candidates(fine.bases, fine.values, total).best_first()
+        return ranked(search, fine)
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
+        if solver.search.known.held:
+            base = solver.search.known.placement
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(base, values))
             return Solution(base, values, problem, True, 0)
@@ -352,7 +383,7 @@ class Estimator:
         explained = labels >= 0
         names = model.joint_names
         variances = np.diag(judged.covariance)[6:] * self.unit**2
-        std = np.where(judged.undetermined, np.inf, np.sqrt(variances))
+        std = np.where(judged.undetermined, self.prior_std * self.unit, np.sqrt(variances))
         scale = np.concatenate([np.ones(3), np.full(3, model.diagonal), self.unit])
         seen_weight = search.weights * search.exists
         return Estimate(
@@ -419,6 +450,17 @@ class Estimator:
         margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
         logit = 10 * (coverage - 0.6) + 6 * (supported - 0.6) + min(4.0, 10 * margin) - 1
         return float(1 / (1 + np.exp(-logit)))
+
+
+def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return refined candidates by coarse and tight scores together, best first."""
+    blur = search.observation.noise
+    if search.observation.scene:
+        # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
+        blur = max(blur, search.residual(candidates.take([0])))
+    tight = 0.012 + 1.5 * min(blur, 0.012)
+    total = search.scored(candidates)[0].scores + search.scored(candidates, tight)[0].scores
+    return Candidates(candidates.bases, candidates.values, total).best_first()
 
 
 def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:

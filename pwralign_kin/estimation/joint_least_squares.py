@@ -17,9 +17,18 @@ from numpy.typing import NDArray
 
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.prior import INDEPENDENT_POINTS
+from pwralign_kin.estimation.silhouette import ON_MODEL, Silhouette
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
+
+OUTLINE_REACH = 0.03
+"""Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
+EXACT = 0.003
+"""Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
+LEAST_OUTLINED = 100
+"""Scan points on the model below which there is no outline."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +47,25 @@ class LeastSquaresOptions:
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
     """Correspondences farther than this many robust scales do not count."""
+    silhouette: bool = True
+    """Whether the model's outline is fitted to that of a scan seen from one place."""
+    most_silhouette: float = 3.0
+    """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
     damping: float = 1e-6
     most_turn: float = 0.1
     """Largest step of a rotation, rad."""
     tolerance: float = 1e-4
     """Largest step (rad, model diagonals) of a converged solution."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the scan is looked at, linearised at one configuration."""
+
+    H: Array
+    """(6 + k, 6 + k) inverse covariance."""
+    g: Array
+    """(6 + k,) right-hand side."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +82,17 @@ class Problem:
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
     counts: NDArray[np.int32]
     """(parts,) correspondences per part."""
+    gradients: Array
+    """(parts, 6) right-hand side of every part in twist space: `g` is the sum of J' gradients."""
+    prior: Prior
+    """What is known beforehand; `H` and `g` are of the scan alone."""
+    sigma: float
+    """Robust scale of the residuals."""
+
+    @property
+    def evidence(self) -> float:
+        """What `H` must be multiplied by to be an inverse covariance beside the prior's."""
+        return INDEPENDENT_POINTS / self.sigma**2
 
 
 @dataclass(frozen=True)
@@ -92,6 +126,8 @@ class JointLeastSquares:
         self.options = options
         slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         self.unit = np.where(slide, model.diagonal, 1.0)
+        self.silhouette: Silhouette | None = None
+        self.systematic = 0.0
 
     @property
     def locked(self) -> NDArray[np.bool_]:
@@ -101,7 +137,50 @@ class JointLeastSquares:
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
-        return JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        solver = JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        solver.silhouette, solver.systematic = self.silhouette, self.systematic
+        return solver
+
+    def look(self, base: Array, values: Array) -> None:
+        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end."""
+        search = self.search
+        at = Candidates(base[None], values[None], np.zeros(1, np.float32))
+        known = (1.2 * search.observation.noise) ** 2 + EXACT**2
+        self.systematic = float(np.sqrt(max(search.residual(at) ** 2 - known, 0.0)))
+        if not (self.options.silhouette and search.observation.single_view and self.systematic > 0):
+            return
+        raw = search.observation.raw
+        placements = np.ascontiguousarray(search.part_placements(at)[0])
+        distance = search.native.assign(raw, placements, search.exists.astype(np.uint8), ON_MODEL)[0]
+        on_model = distance < ON_MODEL
+        if on_model.sum() > LEAST_OUTLINED:
+            self.silhouette = Silhouette(search.observation, raw, on_model)
+
+    def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
+        """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
+        information, gradients = np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
+        if self.silhouette is None:
+            return information, gradients
+        surfaces = self.search.surfaces
+        parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
+        points = np.concatenate(
+            [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
+        )
+        spacing = max(float(s.scalars[1]) for s in surfaces if s.exists)
+        found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
+        if len(found.residuals) == 0:
+            return information, gradients
+        # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
+        sigma = max(1.48 * float(np.median(np.abs(found.residuals))), 0.5 * found.pixel)
+        kernel = sigma**2 / (sigma**2 + found.residuals**2)
+        weight = min(self.options.most_silhouette, (self.systematic / sigma) ** 2)
+        w = weight * kernel**2 / len(found.residuals)
+        twist = np.concatenate([np.cross(found.points - centre, found.directions), found.directions], axis=1)
+        for part in np.unique(found.parts):
+            mine = found.parts == part
+            information[part] = np.einsum("n,ni,nj->ij", w[mine], twist[mine], twist[mine])
+            gradients[part] = -(w[mine] * found.residuals[mine]) @ twist[mine]
+        return information, gradients
 
     def robust_scale(self, base: Array, values: Array) -> float:
         """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""
@@ -126,29 +205,47 @@ class JointLeastSquares:
             sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights,
         )  # fmt: skip
+        outline = self.outline(base @ placed, base[:3, 3])
+        information, part_g = information + outline[0], part_g + outline[1]
         H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
-        return Problem(H, g, information, full, counts)
+        return Problem(H, g, information, full, counts, part_g, self.prior(base, values), sigma)
+
+    def prior(self, base: Array, values: Array) -> Prior:
+        """Return what is known beforehand at a configuration."""
+        known = self.search.known
+        H, g = np.zeros((6 + len(values), 6 + len(values))), np.zeros(6 + len(values))
+        H[:6, :6], g[:6] = self.search.native.base_prior(base[None])
+        H[range(6, len(H)), range(6, len(H))] = 1.0 / known.std**2
+        g[6:] = (known.values - values) / known.std**2
+        return Prior(H, g)
 
     def solve(self, problem: Problem, values: Array) -> Array:
         """Return the bounded step (6 + k,)."""
-        size = len(problem.g)
-        H = problem.H + np.diag(self.options.damping + 1e-4 * np.diag(problem.H))
-        low = np.full(size, -self.options.most_turn)
-        high = np.full(size, self.options.most_turn)
+        H = problem.H + problem.prior.H / problem.evidence
+        g = problem.g + problem.prior.g / problem.evidence
+        return bounded_step(H, g, *self.step_bounds(values), self.options.damping)
+
+    def step_bounds(self, values: Array) -> tuple[Array, Array]:
+        """Return the least and the largest step (6 + k,) from `values`."""
+        low = np.full(6 + len(values), -self.options.most_turn)
+        high = -low
+        if self.search.known.held:
+            low[:6] = high[:6] = 0.0
         if self.options.bounds:
             # A joint that wraps has no wall at its limits, unless it is locked.
             free = self.model.continuous & (self.upper > self.lower)
             low[6:] = np.maximum(low[6:], np.where(free, -np.inf, self.lower - values))
             high[6:] = np.minimum(high[6:], np.where(free, np.inf, self.upper - values))
-        result = _quadratic_program(size)(h=H, g=-problem.g, lbx=np.minimum(low, high), ubx=high)
-        return np.asarray(result["x"], dtype=np.float64).ravel()
+        return np.minimum(low, high), high
 
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
         base, values = base.copy(), values.copy()
         converged, iterations = False, 0
         sigma = self.robust_scale(base, values)
+        if self.silhouette is None:
+            self.look(base, values)
         problem = self.build(base, values, sigma)
         while not converged and iterations < self.options.iterations:
             iterations += 1
@@ -167,6 +264,14 @@ class JointLeastSquares:
         wraps = self.model.continuous & (span > 0)
         turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
         return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
+    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping."""
+    size = len(g)
+    damped = H + np.diag(damping + 1e-4 * np.diag(H))
+    result = _quadratic_program(size)(h=damped, g=-g, lbx=low, ubx=high)
+    return np.asarray(result["x"], dtype=np.float64).ravel()
 
 
 @lru_cache(maxsize=64)

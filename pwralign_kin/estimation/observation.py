@@ -31,6 +31,8 @@ MOST_CELLS = 1.5e8
 class ObservationOptions:
     """How a scan is prepared. Lengths in model diagonals."""
 
+    most_raw: int = 60000
+    """Points that are kept undownsampled, for the outline."""
     given_per_cell: int = 2
     """Points of each cell of the downsampling that are kept as given, for the joint least squares."""
     voxel: float = 0.01
@@ -71,6 +73,8 @@ class Observation:
     """(m, 3) downsampled points."""
     normals: Float
     """(m, 3) unit normals, towards the sensor or the open side."""
+    raw: Float
+    """(n, 3) all points, without wide planes; at most `ObservationOptions.most_raw`."""
     given: Float
     """(r, 3) points as given, `ObservationOptions.given_per_cell` a cell: noisy, but not displaced by any smoothing."""
     given_normals: Float
@@ -146,8 +150,8 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, points, normals, options)
     return Observation(
-        points, normals, given, given_normals, weights, areas, regions, False, spacing, noise, origin, field, centre,
-        diagonal,
+        points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
+        noise, origin, field, centre, diagonal,
     )  # fmt: skip
 
 
@@ -181,6 +185,13 @@ def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOp
             f"it spans {np.ptp(raw, axis=0).max():.3g} times the model, which is {diagonal:.3g} m across: "
             "crop it to the surroundings of the model (--crop)",
         )
+
+
+def at_most(points: Float, most: int) -> Float:
+    """Return a fair sample of the points."""
+    if len(points) <= most:
+        return points
+    return np.ascontiguousarray(points[np.random.default_rng(0).choice(len(points), most, replace=False)])
 
 
 def as_given(

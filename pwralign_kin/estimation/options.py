@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
+from pwralign_kin.estimation.prior import BasePrior
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.scene import SceneOptions
 from pwralign_kin.estimation.scene_search import SceneSearchOptions
@@ -26,6 +27,10 @@ class EstimatorOptions:
     """Joints that keep their initial, else their prior value."""
     prior: Mapping[str, float] = field(default_factory=dict)
     """Values (rad or m) that joints keep where the scan does not tell them; 0 within the limits where not given."""
+    prior_std: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviations (rad or m) of joints about their `prior` values; joints not named here may have any value."""
+    base: BasePrior = field(default_factory=BasePrior)
+    """What is known of the base placement."""
     sources: tuple[str, ...] = ("pairs",)
     """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences).
     Correspondences that are passed to `estimate` count besides; with () they are the only source."""

@@ -185,8 +185,8 @@ def _observed(
     mine = of_model[cell]
     given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing)
     return Observation(
-        kept_points, normals, given, given_normals, weight, area, region, True, spacing, noise, origin, field, centre,
-        diagonal,
+        kept_points, normals, preparation.at_most(raw, preparing.most_raw), given, given_normals, weight, area, region,
+        True, spacing, noise, origin, field, centre, diagonal,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from pwralign_kin import kernels
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import OrientedPairs
 from pwralign_kin.estimation.observation import Observation
+from pwralign_kin.estimation.prior import SearchPrior
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array
 
@@ -95,8 +96,9 @@ class TreeSearch:
         neutral: Array,
         options: SearchOptions,
         threads: int,
+        known: SearchPrior | None = None,
     ) -> None:
-        """Take the `kernels.Articulated` model with its limits, and the `neutral` values (k,) of unseen joints."""
+        """Take the `kernels.Articulated` model with its limits, the `neutral` values (k,) of unseen joints, a prior."""
         self.model = model
         self.observation = observation
         self.options = options
@@ -124,6 +126,8 @@ class TreeSearch:
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
         self.native = kernels.Search(model, observation.field, native, neutral)
+        self.known = known or SearchPrior.nothing(neutral)
+        self.known.tell(self.native)
 
     def _coverage_scale(self, area: float) -> float:
         """Return by how much coverage must be scaled up because the scan holds more than the model."""
@@ -145,7 +149,7 @@ class TreeSearch:
         """Return the same search with the wide beams."""
         o = self.options
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
-        return TreeSearch(self.model, self.surfaces, self.observation, self.neutral, wide, self.threads)
+        return TreeSearch(self.model, self.surfaces, self.observation, self.neutral, wide, self.threads, self.known)
 
     def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
@@ -223,6 +227,14 @@ class TreeSearch:
     def grow(self, hypotheses: Hypotheses) -> Candidates:
         """Return for each placed part the best whole configuration grown from it (scored by growth alone)."""
         return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements))
+
+    def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
+        """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""
+        count = len(bases)
+        values = np.tile(self.neutral, (count, 1))
+        each, root = np.arange(count, dtype=np.int32), np.zeros(count, np.int32)
+        weights = np.tile(self.weights, (count, 1))
+        return Candidates(*self.native.regrow(bases, values, each, root, root - 1, weights, keep))
 
     def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part."""

@@ -51,6 +51,8 @@ def doubt(
     mass = np.trace(problem.information[:, 3:, 3:], axis1=1, axis2=2)  # sum of weights: normals are unit vectors
     weights[seen] = 1.0 / np.maximum(mass[seen], 1e-12)
     mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.information, problem.J)
+    # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
+    mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
     free = np.concatenate([np.ones(6, bool), ~locked])
     ridge = 1e-9 * np.eye(int(free.sum()))
     inverse = np.linalg.inv(mean_H[np.ix_(free, free)] + ridge)
@@ -70,7 +72,7 @@ def _covariance(problem: Problem, fixed: NDArray[np.bool_], noise: float) -> Arr
     size = problem.H.shape[0]
     free = np.concatenate([np.ones(6, bool), ~fixed])
     count = max(int(problem.counts.sum()), 1)
-    H = problem.H[np.ix_(free, free)] * count / noise**2
+    H = (problem.H * count / noise**2 + problem.prior.H)[np.ix_(free, free)]
     covariance = np.zeros((size, size))
     covariance[np.ix_(free, free)] = np.linalg.inv(H + 1e-6 * np.eye(len(H)))
     return covariance

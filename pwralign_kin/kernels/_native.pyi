@@ -141,6 +141,20 @@ class Search:
     def __init__(
         self, model: Articulated, field: ScanField, options: SearchOptions, neutral: NDArray[np.float64]
     ) -> None: ...
+    def set_prior(
+        self,
+        position: NDArray[np.float64],
+        position_deviation: float,
+        turn: NDArray[np.float64],
+        turn_deviation: float,
+        up: NDArray[np.float64],
+        up_deviation: float,
+        region: NDArray[np.float64],
+        region_deviation: float,
+        values: NDArray[np.float64],
+        inverse_deviations: NDArray[np.float64],
+    ) -> None: ...
+    def base_prior(self, base: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def part_hypotheses(
         self,
         parts: NDArray[np.int32],

@@ -256,6 +256,23 @@ void bind_search(nb::module_ &m) {
             require(int(neutral.shape(0)) == model.joints, "one neutral value per joint is needed");
             new (self) Search(model, field, options, {neutral.data(), neutral.data() + neutral.shape(0)});
         }, "model"_a, "field"_a, "options"_a, "neutral"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def("set_prior", [](Search &self, Doubles position, double position_deviation, Doubles turn, double turn_deviation, Doubles up, double up_deviation, Doubles region, double region_deviation, Doubles values, Doubles inverse_deviations) {
+            const size_t k = self.model.joints;
+            require(position.size() % 3 == 0 && turn.size() % 9 == 0 && up.size() % 6 == 0 && region.size() % 6 == 0, "position (3,), turn (9,), up (6,) and region (6,) may be left out by an empty array");
+            require(values.size() == k && inverse_deviations.size() == k, "one value and one deviation per joint are needed");
+            BasePrior base;
+            if (position.size()) std::copy_n(position.data(), 3, base.position.emplace().value), base.position->deviation = position_deviation;
+            if (turn.size()) std::copy_n(turn.data(), 9, base.turn.emplace().R), base.turn->deviation = turn_deviation;
+            if (up.size()) std::copy_n(up.data(), 3, base.up.emplace().in_scan), std::copy_n(up.data() + 3, 3, base.up->in_base), base.up->deviation = up_deviation;
+            if (region.size()) std::copy_n(region.data(), 3, base.region.emplace().low), std::copy_n(region.data() + 3, 3, base.region->high), base.region->deviation = region_deviation;
+            self.prior = Prior(self.model, base, {values.data(), values.data() + k}, {inverse_deviations.data(), inverse_deviations.data() + k});
+        }, "position"_a, "position_deviation"_a, "turn"_a, "turn_deviation"_a, "up"_a, "up_deviation"_a, "region"_a, "region_deviation"_a, "values"_a, "inverse_deviations"_a)
+        .def("base_prior", [](const Search &self, Placements base) {
+            require(base.shape(0) == 1, "one base is needed");
+            std::vector<double> H(36, 0.), g(6, 0.);
+            self.prior.base.add(read_placement(base.data()), 1, H.data(), g.data());
+            return nb::make_tuple(to_numpy(std::move(H), {6, 6}), to_numpy(std::move(g)));
+        }, "base"_a)
         .def("part_hypotheses", [](const Search &self, Ints parts, Ints points, int anchors, uint64_t seed, int keep, Floats point_weights) {
             std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
             for (int p : wanted) require(p >= 0 && p < self.model.parts && self.model.surface[p].exists, "a hypothesis needs a part with a surface");

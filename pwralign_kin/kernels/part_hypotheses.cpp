@@ -101,7 +101,7 @@ void Search::consider(int part, const Rigid &pose, const float *point_weights,
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
     const float early = part_score(part, T, 0, first, distance, point_weights);
-    if (early < promising * s.cumulated[first]) return;
+    if (early < promising * s.cumulated[first] || !prior.reachable(part, pose)) return;
     candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
 

@@ -83,6 +83,9 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
         model.forward(c.base, c.values.data(), T.data());
         accumulate(sampled, T, sigma, 3 * sigma + .005f, support_weight, part_weights, normal, assignment);
         model.joint_twists(T.data(), T[0].t, twists.data());
+        // Neighbouring points share the sensor's error: a scan is worth about this many independent ones.
+        constexpr double independent_points = 1000;
+        const double belief = sigma * sigma / independent_points;
         std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
         for (int p = n - 1; p > 0; --p) { // normal[p] is complete here: all its descendants have been added
             const int column = 6 + model.actuated[p];
@@ -104,6 +107,11 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
             Normal &above = normal[model.parent[p]];
             for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
             for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
+        }
+        prior.base.add(c.base, belief, normal[0].H, normal[0].g);
+        for (size_t j = 0; j < prior.inverse_deviations.size(); ++j) {
+            const double share = belief * prior.inverse_deviations[j] * prior.inverse_deviations[j];
+            H[(6 + j) * (size + 1)] += share, step[6 + j] += share * (prior.values[j] - c.values[j]);
         }
         for (int i = 0; i < 6; ++i) {
             step[i] += normal[0].g[i];

@@ -2,6 +2,7 @@
 #pragma once
 #include "articulated.hpp"
 #include "parallel.hpp"
+#include "prior.hpp"
 #include "scan_field.hpp"
 
 namespace pwr {
@@ -116,6 +117,7 @@ class Search {
     const ScanField &field;
     SearchOptions options;
     std::vector<double> neutral;
+    Prior prior; // of a search that knows nothing: empty
 
   private:
     struct Partial {

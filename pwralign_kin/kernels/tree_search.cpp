@@ -92,7 +92,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             float value = 0;
             if (scored)
                 value = weight * damped(part_score(edge.to, to_float(T), 0, last, options.support_distance, growth.point_weights) / s.cumulated[last]);
-            candidates.push_back({i, state.values[joint], state.score + value, T});
+            candidates.push_back({i, state.values[joint], state.score + value - (edge.to == 0 ? prior.base_cost(T) : 0.f), T});
             continue;
         }
         const int steps = int(sweep.values.size());
@@ -116,6 +116,8 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             }
             for (float &value : row) value = weight * damped(value);
         }
+        for (int v = 0; v < steps; ++v)
+            row[v] -= prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
         int modes, window;
         if (!leads_somewhere) modes = 1, window = 0;
         else if (scored) modes = std::min(options.modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));

@@ -1,0 +1,84 @@
+"""`pwralign calibrate`: where a robot with encoders stands in the frame of a sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pwralign_kin import files
+from pwralign_kin.cli import arguments, messages
+from pwralign_kin.cli.arguments import GeometryChoice, PackageDirs, Seed, Triple, Units, Urdf
+from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+
+if TYPE_CHECKING:
+    from pwralign_kin.estimation import SharedBaseEstimate
+
+
+def calibrate(
+    urdf: Urdf,
+    /,
+    *pairs: Annotated[
+        str, Parameter(help="SCAN=JOINTS: a scan and a JSON file of its joint values (such as a state.json).")
+    ],
+    out: Annotated[Path | None, Parameter(help="JSON file for the result.")] = None,
+    sensor_origin: Annotated[
+        Triple | None, Parameter(help="x y z: where the scans were seen from; unit of the scans.", negative=())
+    ] = None,
+    gravity: arguments.Gravity = None,
+    units: Units = "m",
+    seed: Seed = 0,
+    json: Annotated[
+        bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)
+    ] = False,
+    package_dir: PackageDirs = None,
+    geometry: GeometryChoice = "visual",
+    threads: Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))] = 0,
+) -> int:
+    """Find where a robot stands in a sensor's frame, from scans with known joint values.
+
+    Robot base and sensor stay where they are; the robot moves between the scans. No guess is needed.
+    """
+    paths = [_split(pair) for pair in pairs]
+    if not paths:
+        raise UsageError("calibrate takes at least one SCAN=JOINTS.")
+    if out is not None:
+        arguments.check_folder(out.absolute().parent)
+    with messages.progress() as show:
+        from pwralign_kin.estimation import BasePrior, EstimatorOptions
+        from pwralign_kin.estimation import calibrate as calibrated
+        from pwralign_kin.model import ArticulatedModel
+
+        show("reading the scans")
+        scans = [arguments.read_scan(scan, sensor_origin) for scan, _ in paths]
+        joints = [arguments.read_joints(values) for _, values in paths]
+        show("reading the model")
+        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        scans = [arguments.in_metres(scan, units, model.diagonal)[0] for scan in scans]
+        options = EstimatorOptions(seed=seed, threads=threads, base=BasePrior(up=gravity))
+        result = calibrated(model, scans, joints, options, progress=show)
+    _report(result, out, json)
+    if result.confidence >= ENOUGH_CONFIDENCE:
+        return OK
+    messages.say(f"low confidence ({result.confidence:.2f}): look at the result before you use it", "warning")
+    return LOW_CONFIDENCE
+
+
+def _split(pair: str) -> tuple[Path, Path]:
+    scan, equals, joints = pair.rpartition("=")
+    if not scan or not equals or not joints:
+        raise UsageError(f"calibrate takes SCAN=JOINTS, two files, not {pair!r}.")
+    return Path(scan), Path(joints)
+
+
+def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None:
+    from json import dumps
+
+    text = dumps(result.to_dict(), indent=2, allow_nan=False)
+    if out is not None:
+        files.write_text(out, text + "\n")
+    print(text if as_json else result)
+    if out is not None and not as_json:
+        print(f"wrote {out}")

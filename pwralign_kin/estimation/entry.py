@@ -1,0 +1,91 @@
+"""The two functions that everything else is called from: `estimate` and `calibrate`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import overload
+
+from pwralign_kin.estimation.correspondences import Correspondences
+from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.result import Estimate
+from pwralign_kin.estimation.shared_base import SharedBaseEstimate, estimate_shared_base
+from pwralign_kin.exceptions import StateError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan import Scan
+from pwralign_kin.state import State
+
+
+@overload
+def estimate(
+    model: ArticulatedModel,
+    scan: Scan,
+    initial: State | None = None,
+    correspondences: Correspondences | None = None,
+    options: EstimatorOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Estimate: ...
+@overload
+def estimate(
+    model: ArticulatedModel,
+    scan: Sequence[Scan],
+    initial: State | Sequence[State | None] | None = None,
+    correspondences: Sequence[Correspondences | None] | None = None,
+    options: EstimatorOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> SharedBaseEstimate: ...
+def estimate(
+    model: ArticulatedModel,
+    scan: Scan | Sequence[Scan],
+    initial: State | Sequence[State | None] | None = None,
+    correspondences: Correspondences | Sequence[Correspondences | None] | None = None,
+    options: EstimatorOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Estimate | SharedBaseEstimate:
+    """Estimate base placement and joint values of `model` in a scan, or one base and joints per scan in several.
+
+    Several scans are of a model and a sensor that both stay where they are, in one frame. `initial` is a guess to
+    start from, for several scans one for all or one a scan; without one the whole space is searched. `correspondences`
+    from an outside matcher (for several scans one a scan) become part hypotheses. `progress` is called with the name
+    of each stage as it begins. What is known beforehand of base and joints is told by `options`.
+
+    Raises `ScanError` when a scan holds too little at the model's scale, `StateError` or `UnknownNameError` when
+    a guess or an option does not fit the model or the scans, `CorrespondenceError` when correspondences fit neither
+    model nor scan or nothing at all was given to make hypotheses from.
+    """
+    options = options or EstimatorOptions()
+    if isinstance(scan, Scan):
+        if not isinstance(initial, State | None) or not isinstance(correspondences, Correspondences | None):
+            raise StateError("one scan takes one guess and one set of correspondences, not several")
+        return Estimator(model, options, progress).run(scan, initial, correspondences)
+    if isinstance(correspondences, Correspondences):
+        raise StateError("several scans take one set of correspondences each")
+    initials = initial if isinstance(initial, Sequence) else [initial] * len(scan)
+    pairs = correspondences or [None] * len(scan)
+    if len(initials) != len(scan) or len(pairs) != len(scan):
+        raise StateError(f"{len(scan)} scans but {len(initials)} guesses and {len(pairs)} sets of correspondences")
+    return estimate_shared_base(model, scan, initials, pairs, [options] * len(scan), progress)
+
+
+def calibrate(
+    model: ArticulatedModel,
+    scans: Sequence[Scan],
+    joints: Sequence[Mapping[str, float]],
+    options: EstimatorOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> SharedBaseEstimate:
+    """Estimate where a robot stands in a sensor's frame from scans with known joint values: no guess is needed.
+
+    `joints` holds the values (rad or m) of each scan by name, as encoders give them; joints that are not named are
+    estimated. Raises what `estimate` raises, and `StateError` when there is not one set of values a scan.
+    """
+    if len(joints) != len(scans):
+        raise StateError(f"{len(scans)} scans but {len(joints)} sets of joint values")
+    options = options or EstimatorOptions()
+    known = [
+        replace(options, prior={**options.prior, **values}, locked=tuple(dict.fromkeys((*options.locked, *values))))
+        for values in joints
+    ]
+    none = [None] * len(scans)
+    return estimate_shared_base(model, scans, none, none, known, progress)
