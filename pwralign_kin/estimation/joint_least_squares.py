@@ -78,6 +78,8 @@ class Problem:
     """(6 + k,) right-hand side."""
     information: Array
     """(parts, 6, 6) information of every part in twist space."""
+    mass: Array
+    """(parts,) sum of the weights of the surface residuals of every part, without those of the outline."""
     J: Array
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
     counts: NDArray[np.int32]
@@ -206,10 +208,11 @@ class JointLeastSquares:
             self.search.weights,
         )  # fmt: skip
         outline = self.outline(base @ placed, base[:3, 3])
+        mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
         H = np.einsum("pia,pij,pjb->ab", full, information, full)
         g = np.einsum("pia,pi->a", full, part_g)
-        return Problem(H, g, information, full, counts, part_g, self.prior(base, values), sigma)
+        return Problem(H, g, information, mass, full, counts, part_g, self.prior(base, values), sigma)
 
     def prior(self, base: Array, values: Array) -> Prior:
         """Return what is known beforehand at a configuration."""

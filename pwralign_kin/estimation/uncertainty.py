@@ -41,15 +41,14 @@ def doubt(
 
     A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
     information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
-    complement of its entry. It must stand out of the `systematic` residual, which does not average out over points.
-    The covariance is that of Gauss-Newton with residuals of standard deviation `noise`, plus the systematic share of
+    complement of its entry; the outline counts besides the surface, by its weight against it. It must stand out of
+    the `systematic` residual, which does not average out over points. The covariance is that of Gauss-Newton with residuals of standard deviation `noise`, plus the systematic share of
     every joint (both in model diagonals).
     """
     size = problem.H.shape[0]
     seen = problem.counts >= LEAST_POINTS
     weights = np.zeros(len(seen))
-    mass = np.trace(problem.information[:, 3:, 3:], axis1=1, axis2=2)  # sum of weights: normals are unit vectors
-    weights[seen] = 1.0 / np.maximum(mass[seen], 1e-12)
+    weights[seen] = 1.0 / np.maximum(problem.mass[seen], 1e-12)
     mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.information, problem.J)
     # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
     mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
