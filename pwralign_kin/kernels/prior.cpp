@@ -98,12 +98,20 @@ BasePrior BasePrior::widened(double distance, double angle) const {
 
 Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> values, std::vector<double> inverse_deviations)
     : base(known), values(std::move(values)), inverse_deviations(std::move(inverse_deviations)) {
-    constexpr int draws = 300;
-    constexpr double slack_distance = .15, slack_turn = .35;
+    constexpr int draws = 1000;
+    // By the number of joints between part and base that can move; beyond them a turn rules nothing out.
+    constexpr double slack_distance[] = {.05, .1, .15, .2}, slack_turn[] = {.15, .35, .6, 1.}, any_turn = 4;
+    constexpr int last = 3;
     if (!base.says_something()) return;
     constexpr double loose_distance = .01, loose_turn = .03;
     loose = base.widened(loose_distance, loose_turn);
-    wide = base.widened(slack_distance / free_deviations, slack_turn / free_deviations);
+    std::vector<int> between(model.parts, 0);
+    for (int p = 0; p < model.parts; ++p) {
+        if (p > 0) between[p] = between[model.parent[p]] + (model.upper[model.actuated[p]] > model.lower[model.actuated[p]]);
+        const double distance = slack_distance[std::min(between[p], last)];
+        const double turn = between[p] > last ? any_turn : slack_turn[between[p]];
+        wide.push_back(base.widened(distance / free_deviations, turn / free_deviations));
+    }
     // A fixed seed: what can be reached is a property of the model.
     Random random(21);
     std::vector<Rigid> T(model.parts);
@@ -138,7 +146,7 @@ float Prior::cost(const Rigid &at, const std::vector<double> &joints) const {
 bool Prior::reachable(int part, const Rigid &T) const {
     if (bases_in_part.empty()) return true;
     for (const Rigid &inside : bases_in_part[part])
-        if (wide.deviation(T * inside) < free_deviations) return true;
+        if (wide[part].deviation(T * inside) < free_deviations) return true;
     return false;
 }
 

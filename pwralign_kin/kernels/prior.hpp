@@ -40,9 +40,9 @@ struct Prior {
     // Of the joints: believed values and one over their standard deviations, 0 where nothing is believed.
     std::vector<double> values, inverse_deviations;
     // Bases that each part can have in its own frame, drawn over the joint limits; empty where nothing is known of the
-    // base. The drawn bases stand some way apart: `wide` makes up for that.
+    // base. The drawn bases stand some way apart, farther the more joints lie between: `wide` makes up for that.
     std::vector<std::vector<Rigid>> bases_in_part;
-    BasePrior wide;
+    std::vector<BasePrior> wide; // per part
 
     Prior() = default;
     Prior(const Articulated &model, BasePrior base, std::vector<double> values, std::vector<double> inverse_deviations);

@@ -27,7 +27,7 @@ from pwralign_kin.simulation import TIERS
         (["estimat"], "estimate"),
         (["estimate"], "URDF"),
         (["estimate", "a"], "SCAN"),
-        (["estimate", "a", "b", "c"], "c"),
+        (["estimate", "a", "b", "c", "--correspondences", "d"], "--correspondences"),
         (["estimate", "a", "b", "--jiont", "x=1"], "--joint"),
         (["estimate", "a", "b", "--joint", "x"], "name=value"),
         (["estimate", "a", "b", "--joint", "x=fast"], "x=fast"),

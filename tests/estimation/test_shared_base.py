@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
+XARM = "xarm_description/urdf/xarm7.urdf"
 VALUES = ({"shoulder": 0.4, "elbow": -0.9, "grip": 0.03}, {"shoulder": -0.7, "elbow": 0.8, "grip": 0.08})
 
 
@@ -95,10 +97,12 @@ def test_numbers_of_scans_and_values_must_agree(arm: pk.ArticulatedModel, views:
 def test_the_base_repeats_on_real_frames() -> None:
     beside = Path(__file__).resolve().parents[3] / "shared"
     folder = Path(os.environ.get("PWRALIGN_SHARED", beside)) / "real" / "xarm7"
-    data = pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
-    urdf = next(Path(data.__file__).parents[4].rglob("xarm7.urdf"), None)
-    if not folder.is_dir() or urdf is None:
-        pytest.skip(f"the real frames are not in {folder}, or there is no xarm7.urdf")
+    wheels = (Path(folder) / "cmeel.prefix/share/example-robot-data/robots" for folder in sys.path)
+    urdf = next((robots / XARM for robots in wheels if (robots / XARM).is_file()), None)
+    if urdf is None:
+        pytest.skip("the wheel example-robot-data is not installed")
+    if not folder.is_dir():
+        pytest.skip(f"the real frames are not in {folder}")
     share = next(parent for parent in urdf.parents if parent.name == "share")
     model = pk.ArticulatedModel.from_urdf(urdf, package_dirs=[share])
     truth = json.loads((folder / "truth.json").read_text())
