@@ -49,26 +49,6 @@ EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 
 
-def estimate(
-    model: ArticulatedModel,
-    scan: Scan,
-    initial: State | None = None,
-    correspondences: Correspondences | None = None,
-    options: EstimatorOptions | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> Estimate:
-    """Estimate base placement and joint values of `model` in `scan`.
-
-    `initial` is a guess to start from; without one the whole space is searched. `correspondences` from an outside
-    matcher become part hypotheses. `progress` is called with the name of each stage as it begins.
-
-    Raises `ScanError` when the scan holds too little at the model's scale, `StateError` or `UnknownNameError` when
-    the guess or an option does not fit the model, `CorrespondenceError` when the correspondences fit neither model
-    nor scan or nothing at all was given to make hypotheses from.
-    """
-    return Estimator(model, options or EstimatorOptions(), progress).run(scan, initial, correspondences)
-
-
 @dataclass
 class Stopwatch:
     """Seconds per stage."""

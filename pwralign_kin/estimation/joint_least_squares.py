@@ -149,14 +149,17 @@ class JointLeastSquares:
         at = Candidates(base[None], values[None], np.zeros(1, np.float32))
         known = (1.2 * search.observation.noise) ** 2 + EXACT**2
         self.systematic = float(np.sqrt(max(search.residual(at) ** 2 - known, 0.0)))
-        if not (self.options.silhouette and search.observation.single_view and self.systematic > 0):
+        observation = search.observation
+        # In a scene the outline is one of depth jumps, which sensors smear.
+        outlined = self.options.silhouette and observation.single_view and not observation.scene
+        if not outlined or self.systematic == 0:
             return
-        raw = search.observation.raw
+        raw = observation.raw
         placements = np.ascontiguousarray(search.part_placements(at)[0])
         distance = search.native.assign(raw, placements, search.exists.astype(np.uint8), ON_MODEL)[0]
         on_model = distance < ON_MODEL
         if on_model.sum() > LEAST_OUTLINED:
-            self.silhouette = Silhouette(search.observation, raw, on_model)
+            self.silhouette = Silhouette(observation, raw, on_model)
 
     def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
         """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""

@@ -86,8 +86,7 @@ class Silhouette:
 
         `spacing` is how far apart samples are.
 
-        Those farther than `reach` from the scan's outline have no counterpart there. The mean residual is taken off:
-        sensors make things a little thinner or thicker than they are.
+        Those farther than `reach` from the scan's outline have no counterpart there.
         """
         image, depth = self._projected(points)
         cell = np.floor((image - self.corner) / self.pixel).astype(int)
@@ -110,8 +109,6 @@ class Silhouette:
         direction -= np.einsum("ij,ij->i", direction, ray)[:, None] * ray
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         pixel = self.pixel * float(np.median(depth))
-        if len(residual):
-            residual = residual - np.clip(np.median(residual), -2 * pixel, 2 * pixel)
         return OutlineResiduals(parts, points, direction, residual, pixel)
 
     def _on_rim(self, cell: NDArray[np.int64], gap: float) -> Bool:

@@ -42,8 +42,8 @@ def doubt(
     A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
     information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
     complement of its entry; the outline counts besides the surface, by its weight against it. It must stand out of
-    the `systematic` residual, which does not average out over points. The covariance is that of Gauss-Newton with residuals of standard deviation `noise`, plus the systematic share of
-    every joint (both in model diagonals).
+    the `systematic` residual, which does not average out over points. The covariance is that of Gauss-Newton with
+    residuals of standard deviation `noise`, plus the systematic share of every joint (both in model diagonals).
     """
     size = problem.H.shape[0]
     seen = problem.counts >= LEAST_POINTS
