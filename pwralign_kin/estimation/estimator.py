@@ -35,6 +35,8 @@ UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 UNCONVINCING_SCENE = 0.2
 """The same for a scene, of what is near the model: things may touch it."""
+LACKING = 0.1
+"""Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
@@ -234,9 +236,8 @@ class Estimator:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
         solutions = repair(search, candidates, self.options.repair, turn=turn)
         best = solutions.take([0])
-        lacking = search.lacking(search.explained_shares(search.owners(best, search.exists)[1]))
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = not search.observation.scene and (bool(lacking.any()) or search.coverage_scale == 1.0)
+        doubtful = not search.observation.scene and float(search.weights[search.lacks(best)].sum()) > LACKING
         if doubtful and search.unexplained(best) > UNCONVINCING:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions

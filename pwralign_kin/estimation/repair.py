@@ -79,7 +79,9 @@ def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOpti
     best = solutions.take([0])
     unexplained = search.unexplained(best)
     wrong = search.poorly_supported(search.scored(best)[1][0]).any()
-    if unexplained <= options.explained or (not wrong and unexplained <= options.unexplained):
+    # A scan that holds more than the model leaves something unexplained however good the answer.
+    complete = search.coverage_scale > 1.0 and not search.lacks(best).any()
+    if unexplained <= options.explained or (not wrong and unexplained <= options.unexplained) or complete:
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * max(1.0, float(solutions.scores[0]))
     return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)

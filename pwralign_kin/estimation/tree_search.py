@@ -338,6 +338,10 @@ class TreeSearch:
         average = float(shares @ self.weights) / float(self.weights[self.exists].sum())
         return self.exists & (shares <= self.options.lacking * average)
 
+    def lacks(self, candidate: Candidates) -> NDArray[np.bool_]:
+        """Return which parts (parts,) of one candidate explain too little of the scan."""
+        return self.lacking(self.explained_shares(self.owners(candidate, self.exists)[1]))
+
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
         distance = self._distances(candidate, self.observation.given)
