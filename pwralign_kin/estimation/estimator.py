@@ -316,14 +316,16 @@ class Estimator:
         noise = max(search.observation.noise, LEAST_NOISE)
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
         systematic = float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0)))
-        judged = doubt(solution.problem, self.slide, solver.locked, noise, systematic)
+        # Points of its neighbours touch a part that the scan lacks.
+        absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
+        judged = doubt(solution.problem, absent, self.slide, solver.locked, noise, systematic)
         if not judged.undetermined.any():
             return solution, judged
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(judged.undetermined):
             base, values = self._at_prior(search, base, values, int(joint), prior)
         settled = solver.with_locked(judged.undetermined, values).run(base, values)
-        again = doubt(settled.problem, self.slide, solver.locked | judged.undetermined, noise, systematic)
+        again = doubt(settled.problem, absent, self.slide, solver.locked | judged.undetermined, noise, systematic)
         return settled, Doubt(judged.undetermined, judged.displacement, again.covariance)
 
     def _at_prior(

@@ -35,9 +35,14 @@ class Doubt:
 
 
 def doubt(
-    problem: Problem, slide: NDArray[np.bool_], locked: NDArray[np.bool_], noise: float, systematic: float
+    problem: Problem,
+    absent: NDArray[np.bool_],
+    slide: NDArray[np.bool_],
+    locked: NDArray[np.bool_],
+    noise: float,
+    systematic: float,
 ) -> Doubt:
-    """Return which joints are undetermined, and the covariance of the rest.
+    """Return which joints are undetermined, and the covariance of the rest; `absent` parts tell nothing.
 
     A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
     information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
@@ -46,7 +51,7 @@ def doubt(
     residuals of standard deviation `noise`, plus the systematic share of every joint (both in model diagonals).
     """
     size = problem.H.shape[0]
-    seen = problem.counts >= LEAST_POINTS
+    seen = (problem.counts >= LEAST_POINTS) & ~absent
     weights = np.zeros(len(seen))
     weights[seen] = 1.0 / np.maximum(problem.mass[seen], 1e-12)
     mean_H = np.einsum("p,pia,pij,pjb->ab", weights, problem.J, problem.information, problem.J)
