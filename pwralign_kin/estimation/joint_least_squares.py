@@ -27,6 +27,8 @@ OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
 EXACT = 0.003
 """Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
+OUTLINE_GAIN = 2.0
+"""Weight of the outline besides that of the variances: errors of the surface are smooth, fewer of them independent."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -49,7 +51,7 @@ class LeastSquaresOptions:
     """Correspondences farther than this many robust scales do not count."""
     silhouette: bool = True
     """Whether the model's outline is fitted to that of a scan seen from one place."""
-    most_silhouette: float = 3.0
+    most_silhouette: float = 6.0
     """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
     damping: float = 1e-6
     most_turn: float = 0.1
@@ -178,7 +180,7 @@ class JointLeastSquares:
         # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
         sigma = max(1.48 * float(np.median(np.abs(found.residuals))), 0.5 * found.pixel)
         kernel = sigma**2 / (sigma**2 + found.residuals**2)
-        weight = min(self.options.most_silhouette, (self.systematic / sigma) ** 2)
+        weight = min(self.options.most_silhouette, OUTLINE_GAIN * (self.systematic / sigma) ** 2)
         w = weight * kernel**2 / len(found.residuals)
         twist = np.concatenate([np.cross(found.points - centre, found.directions), found.directions], axis=1)
         for part in np.unique(found.parts):
