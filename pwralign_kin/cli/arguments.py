@@ -37,6 +37,10 @@ Units = Annotated[
 
 Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
 
+AsJson = Annotated[bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)]
+
+Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))]
+
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
 

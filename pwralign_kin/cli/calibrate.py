@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, PackageDirs, Seed, Triple, Units, Urdf
+from pwralign_kin.cli.arguments import AsJson, GeometryChoice, PackageDirs, Seed, Threads, Triple, Units, Urdf
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
 
 if TYPE_CHECKING:
@@ -30,12 +29,10 @@ def calibrate(
     gravity: arguments.Gravity = None,
     units: Units = "m",
     seed: Seed = 0,
-    json: Annotated[
-        bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)
-    ] = False,
+    json: AsJson = False,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
-    threads: Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))] = 0,
+    threads: Threads = 0,
 ) -> int:
     """Find where a robot stands in a sensor's frame, from scans with known joint values.
 

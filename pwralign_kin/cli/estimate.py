@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import (
+    AsJson,
     Box,
     GeometryChoice,
     Gravity,
@@ -19,6 +19,7 @@ from pwralign_kin.cli.arguments import (
     PackageDirs,
     ScanPath,
     Seed,
+    Threads,
     Triple,
     Units,
     Urdf,
@@ -77,15 +78,13 @@ def estimate(
     ] = None,
     units: Units = "m",
     seed: Seed = 0,
-    json: Annotated[
-        bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)
-    ] = False,
+    json: AsJson = False,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
     ] = "z",
-    threads: Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))] = 0,
+    threads: Threads = 0,
 ) -> int:
     """Find where a model is in a scan: its base placement and every joint value.
 

@@ -35,7 +35,7 @@ UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 UNCONVINCING_SCENE = 0.2
 """The same for a scene, of what is near the model: things may touch it."""
-LACKING = 0.1
+WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
@@ -237,7 +237,7 @@ class Estimator:
         solutions = repair(search, candidates, self.options.repair, turn=turn)
         best = solutions.take([0])
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = not search.observation.scene and float(search.weights[search.lacks(best)].sum()) > LACKING
+        doubtful = not search.observation.scene and float(search.weights[search.lacks(best)].sum()) > WORTH_WIDE_BEAMS
         if doubtful and search.unexplained(best) > UNCONVINCING:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions

@@ -27,8 +27,6 @@ OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
 EXACT = 0.003
 """Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
-OUTLINE_GAIN = 2.0
-"""Weight of the outline besides that of the variances: errors of the surface are smooth, fewer of them independent."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -165,9 +163,8 @@ class JointLeastSquares:
 
     def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
         """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
-        information, gradients = np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
         if self.silhouette is None:
-            return information, gradients
+            return np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
         surfaces = self.search.surfaces
         parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
         points = np.concatenate(
@@ -175,19 +172,7 @@ class JointLeastSquares:
         )
         spacing = max(float(s.scalars[1]) for s in surfaces if s.exists)
         found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
-        if len(found.residuals) == 0:
-            return information, gradients
-        # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
-        sigma = max(1.48 * float(np.median(np.abs(found.residuals))), 0.5 * found.pixel)
-        kernel = sigma**2 / (sigma**2 + found.residuals**2)
-        weight = min(self.options.most_silhouette, OUTLINE_GAIN * (self.systematic / sigma) ** 2)
-        w = weight * kernel**2 / len(found.residuals)
-        twist = np.concatenate([np.cross(found.points - centre, found.directions), found.directions], axis=1)
-        for part in np.unique(found.parts):
-            mine = found.parts == part
-            information[part] = np.einsum("n,ni,nj->ij", w[mine], twist[mine], twist[mine])
-            gradients[part] = -(w[mine] * found.residuals[mine]) @ twist[mine]
-        return information, gradients
+        return found.normal_equations(self.systematic, self.options.most_silhouette, len(placements), centre)
 
     def robust_scale(self, base: Array, values: Array) -> float:
         """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""

@@ -50,6 +50,8 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     done: set[tuple[float, ...]] = set()
     in_vain = 0
     for round_ in range(options.rounds):
+        if in_vain == options.patience:
+            break
         moved: list[Candidates] = []
         for rank in range(_worth_repair(search, solutions, options, round_)):
             solution = solutions.take([rank])
@@ -61,7 +63,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             tried = repair_moves(search, solution, options, round_, sweep=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.sifted(tried, options.refined))
-        if not moved or in_vain == options.patience:
+        if not moved:
             break
         # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
         moves = Candidates.concatenate(moved)

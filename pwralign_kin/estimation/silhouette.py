@@ -25,6 +25,8 @@ RIM = 1.5
 """Samples this near to the edge of the model's image (pixels) are on its outline."""
 LEAST_SLOPE = 0.3
 """The scan's outline has a direction where its signed distance rises by this much a unit; not on medial axes."""
+OUTLINE_GAIN = 2.0
+"""Weight of the outline besides that of the variances: errors of the surface are smooth, fewer of them independent."""
 ON_MODEL = 0.05
 """Scan points farther than this from the model (model diagonals) are of other things; ..."""
 BEHIND = 0.05
@@ -45,6 +47,27 @@ class OutlineResiduals:
     """(r,) how far beyond the scan's outline they are."""
     pixel: float
     """What the outline is exact to."""
+
+    def normal_equations(self, systematic: float, most: float, parts: int, centre: Array) -> tuple[Array, Array]:
+        """Return information (parts, 6, 6) and gradients (parts, 6) in twist space about `centre`.
+
+        Against a surface whose residuals have the `systematic` standard deviation they weigh by the variances,
+        at most `most`.
+        """
+        information, gradients = np.zeros((parts, 6, 6)), np.zeros((parts, 6))
+        if len(self.residuals) == 0:
+            return information, gradients
+        # Half a pixel is what the outline of points is exact to; 1.48 median deviations are one standard deviation.
+        sigma = max(1.48 * float(np.median(np.abs(self.residuals))), 0.5 * self.pixel)
+        kernel = sigma**2 / (sigma**2 + self.residuals**2)
+        weight = min(most, OUTLINE_GAIN * (systematic / sigma) ** 2)
+        w = weight * kernel**2 / len(self.residuals)
+        twist = np.concatenate([np.cross(self.points - centre, self.directions), self.directions], axis=1)
+        for part in np.unique(self.parts):
+            mine = self.parts == part
+            information[part] = np.einsum("n,ni,nj->ij", w[mine], twist[mine], twist[mine])
+            gradients[part] = -(w[mine] * self.residuals[mine]) @ twist[mine]
+        return information, gradients
 
 
 class Silhouette:

@@ -54,8 +54,6 @@ class SearchOptions:
     """Grown configurations that are refined together."""
     refine_points: int = 900
     fine_points: int = 1500
-    explained_weight: float = 0.3
-    """Weight of scan points that are explained already, when parts are placed in what is left."""
     lacking: float = 0.6
     """A part that explains less than this, against the average of all parts, may be wrong."""
     scene_points: int = 4
@@ -137,7 +135,7 @@ class TreeSearch:
             searched = float(self.observation.areas[self.searched].sum())
             return searched / min(area * share, searched)
         count = len(self.observation.points)
-        expected = max(area * self._usual_share / self.observation.area_per_point, 0.05 * count)
+        expected = max(area * share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
 
     @property

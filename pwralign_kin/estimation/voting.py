@@ -24,6 +24,8 @@ class VoteOptions:
     """Parts that explain too little, largest lack first, that votes are cast for."""
     points: int = 400
     """Unexplained points that pairs are drawn about."""
+    explained_weight: float = 0.3
+    """Weight of all other points in the score of a placement."""
     placements: int = 5
     """Placements of each."""
     anchors: int = 3
@@ -55,7 +57,7 @@ def voted(
     if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
     best = int(np.argmax(search.weights * share))
-    weights = search.observation.weights * np.where(unexplained, 1.0, search.options.explained_weight)
+    weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
     points = np.flatnonzero(unexplained)
     anchors = min(options.points, len(points))
     found = search.part_hypotheses(np.array(wrong, np.int32), points, anchors, seed, options.placements, weights)

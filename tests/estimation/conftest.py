@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.observation import ObservationOptions, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 ARM = """<robot name="arm">
@@ -56,6 +59,18 @@ def full_scan(arm: pk.ArticulatedModel) -> SimulatedScan:
 @pytest.fixture(scope="session")
 def single_scan(arm: pk.ArticulatedModel) -> SimulatedScan:
     return pk.simulate(arm, sensor=TIERS["single"], seed=3)
+
+
+@pytest.fixture(scope="session")
+def units(arm: pk.ArticulatedModel) -> np.ndarray:
+    """What the search counts each joint value in."""
+    return np.array([arm.diagonal if arm.units[name] == "m" else 1.0 for name in arm.joint_names])
+
+
+@pytest.fixture(scope="session")
+def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray) -> TreeSearch:
+    observation = observe(full_scan.scan, arm.diagonal, ObservationOptions(), 2)
+    return TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
 
 
 @pytest.fixture(scope="session")

@@ -9,18 +9,10 @@ import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions
-from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.simulation import SimulatedScan
 
 SIGMA = 0.005
-
-
-@pytest.fixture(scope="module")
-def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> TreeSearch:
-    observation = observe(full_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    neutral = arm.values({}) / units(arm)
-    return TreeSearch(arm.kernel_model, arm.surfaces, observation, neutral, SearchOptions(), 2)
 
 
 def units(model: pk.ArticulatedModel) -> np.ndarray:

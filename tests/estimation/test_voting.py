@@ -7,23 +7,11 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.voting import VoteOptions, voted
 from pwralign_kin.simulation import SimulatedScan
 
 NONE = np.zeros(1, np.float32)
-
-
-@pytest.fixture(scope="module")
-def units(arm: pk.ArticulatedModel) -> np.ndarray:
-    return np.array([arm.diagonal if arm.units[name] == "m" else 1.0 for name in arm.joint_names])
-
-
-@pytest.fixture(scope="module")
-def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray) -> TreeSearch:
-    observation = observe(full_scan.scan, arm.diagonal, ObservationOptions(), 1)
-    return TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 1)
 
 
 @pytest.fixture(scope="module")
