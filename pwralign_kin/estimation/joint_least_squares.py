@@ -27,6 +27,8 @@ OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
 EXACT = 0.003
 """Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
+LEAST_MASS = 0.005
+"""Share of all residuals' weight below which a part's few correspondences do not hold up convergence."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -54,8 +56,8 @@ class LeastSquaresOptions:
     damping: float = 1e-6
     most_turn: float = 0.1
     """Largest step of a rotation, rad."""
-    tolerance: float = 1e-4
-    """Largest step (rad, model diagonals) of a converged solution."""
+    tolerance: float = 5e-5
+    """A step that displaces the matched surface of every part by less than this (rms) is the last."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,12 @@ class Problem:
     def evidence(self) -> float:
         """What `H` must be multiplied by to be an inverse covariance beside the prior's."""
         return INDEPENDENT_POINTS / self.sigma**2
+
+    def displacement(self, step: Array) -> float:
+        """Return the greatest rms displacement, among parts, of the matched surface along its normals by a step."""
+        twists = self.J @ step
+        squared = np.einsum("pi,pij,pj->p", twists, self.information, twists)
+        return float(np.sqrt((squared / np.maximum(self.mass, LEAST_MASS * self.mass.sum() + 1e-12)).max()))
 
 
 @dataclass(frozen=True)
@@ -243,12 +251,12 @@ class JointLeastSquares:
         while not converged and iterations < self.options.iterations:
             iterations += 1
             step = self.solve(problem, values)
+            converged = problem.displacement(step) < self.options.tolerance
             move = se3.exp(step[:6])
             base[:3, :3] = move[:3, :3] @ base[:3, :3]
             base[:3, 3] += move[:3, 3]
             values = self.limited(values + step[6:])
             problem = self.build(base, values, sigma)
-            converged = bool(np.abs(step).max() < self.options.tolerance)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
 
     def limited(self, values: Array) -> Array:

@@ -19,6 +19,9 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 
+NEIGHBOURS = {6: 0.675, 7: 0.782, 8: 0.841, 10: 0.864, 12: 0.885}
+"""Counts of neighbours that noise is measured with, and the median variance about their best plane that points with
+noise of variance one on a plane have (simulated)."""
 LEAST_POINTS = 20
 """Occupied cells of the downsampling below which a scan cannot be of the model."""
 MOST_EXTENT = 1000.0
@@ -42,11 +45,6 @@ class ObservationOptions:
     normal_noises: float = 4.0
     neighbour_spacings: float = 1.6
     """... and it is widened to this many point spacings where the scan is sparse."""
-    noisy: float = 0.0055
-    """Noise above which normals use `noisy_radius` and points are pulled onto their local plane."""
-    noisy_radius: float = 0.05
-    pull: float = 0.8
-    """Share of the way to the local plane that points of a noisy scan move."""
     stray_distance: float = 0.06
     """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
     stray_spacings: float = 4.0
@@ -138,7 +136,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     points, _, cell = kernels.voxel_means(raw, options.voxel)
     points, spacing = _without_strays(points, options)
     noise = noise_of(raw)
-    points, normals = with_normals(points, noise, spacing, options, threads)
+    normals = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
@@ -155,17 +153,10 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     )  # fmt: skip
 
 
-def with_normals(
-    points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int
-) -> tuple[Float, Float]:
-    """Return the points, pulled onto their local planes where they are noisy, and normals of either sign."""
-    radius = options.noisy_radius if noise > options.noisy else options.normal_radius + options.normal_noises * noise
-    radius = max(radius, options.neighbour_spacings * spacing)
-    normals, means, _, _ = kernels.local_planes(points, radius, threads)
-    if noise > options.noisy:
-        offset = np.einsum("ij,ij->i", points - means, normals)
-        points = np.ascontiguousarray(points - options.pull * offset[:, None] * normals, np.float32)
-    return points, normals
+def normals_of(points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int) -> Float:
+    """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing."""
+    radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
+    return np.asarray(kernels.local_planes(points, radius, threads)[0])
 
 
 def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
@@ -214,19 +205,33 @@ def as_given(
 
 
 def noise_of(points: Float) -> float:
-    """Return the standard deviation of the points from planes through their eight nearest neighbours.
+    """Return the standard deviation of the points about the surface they were taken from.
 
-    So few neighbours span little of the surface, so that its curvature and its details do not count as noise.
+    The scatter about planes through the k nearest neighbours is that of the noise, and of the surface's curvature,
+    which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
+    apart, down to scans so sparse that no neighbourhood is flat.
     """
     from scipy.spatial import cKDTree
 
-    count = min(8, len(points))
+    most = max(NEIGHBOURS)
+    if len(points) < most:
+        return 0.0
     chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
-    near = points[cKDTree(points).query(points[chosen], k=count)[1]].astype(float)
+    near = points[cKDTree(points).query(points[chosen], k=most)[1]].astype(float)
+    variances = np.array([_variance_about_planes(near[:, :k]) / share for k, share in NEIGHBOURS.items()])
+    terms = np.stack([np.ones(len(NEIGHBOURS)), np.square(np.array(list(NEIGHBOURS), float))], axis=1)
+    # Variances are known to equal relative accuracy.
+    scale = 1.0 / np.maximum(variances, 1e-18)
+    (noise, _), *_ = np.linalg.lstsq(terms * scale[:, None], np.ones(len(terms)), rcond=None)
+    return float(np.sqrt(max(noise, 0.0)))
+
+
+def _variance_about_planes(near: Array) -> float:
+    """Return the median variance of neighbourhoods (m, k, 3) about their best planes."""
     centred = near - near.mean(axis=1, keepdims=True)
     # A plane takes three degrees of freedom of the neighbours' scatter.
-    scatter = np.einsum("mka,mkb->mab", centred, centred) / max(count - 3, 1)
-    return float(np.sqrt(np.median(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0))))
+    scatter = np.einsum("mka,mkb->mab", centred, centred) / (near.shape[1] - 3)
+    return float(np.median(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0)))
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:

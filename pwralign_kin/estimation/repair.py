@@ -26,15 +26,17 @@ class RepairOptions:
     """... for so many rounds; after that only the best ..."""
     late_solutions: int = 2
     patience: int = 2
-    """Rounds that may pass without ..."""
-    gain: float = 0.002
+    """Rounds that may pass (one, where the best solution leaves nothing to explain) without ..."""
+    gain: float = 0.006
     """... this gain of score."""
     margin: float = 0.12
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
     """Regrown configurations kept per move."""
     refined: int = 16
-    """Moves per solution that are refined."""
+    """Moves per solution that are refined, ..."""
+    hopeful: float = 0.08
+    """... if they score, before that, no worse than the best solution by more than this."""
     turned_parts: int = 3
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
@@ -50,10 +52,11 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     done: set[tuple[float, ...]] = set()
     in_vain = 0
     for round_ in range(options.rounds):
-        if in_vain == options.patience:
+        worth = _worth_repair(search, solutions, options, round_)
+        if in_vain >= (1 if worth == 1 else options.patience):
             break
         moved: list[Candidates] = []
-        for rank in range(_worth_repair(search, solutions, options, round_)):
+        for rank in range(worth):
             solution = solutions.take([rank])
             where = np.concatenate([solution.bases[0, :3, 3], solution.values[0]])
             key = tuple(float(v) for v in np.round(where, 2))
@@ -65,8 +68,11 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
                 moved.append(search.sifted(tried, options.refined))
         if not moved:
             break
-        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
         moves = Candidates.concatenate(moved)
+        moves = moves.take(moves.scores > solutions.scores[0] - options.hopeful * _scale(solutions))
+        if len(moves) == 0:
+            break
+        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
         refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
         found = search.scored(Candidates.concatenate(refined))[0]
         in_vain = 0 if found.scores.max() > solutions.scores[0] + options.gain else in_vain + 1
@@ -85,8 +91,13 @@ def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOpti
     complete = search.coverage_scale > 1.0 and not search.lacks(best).any()
     if unexplained <= options.explained or (not wrong and unexplained <= options.unexplained) or complete:
         return 1
-    near = solutions.scores >= solutions.scores[0] - options.margin * max(1.0, float(solutions.scores[0]))
+    near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
     return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)
+
+
+def _scale(solutions: Candidates) -> float:
+    """Return what score margins are multiplied by: in a scene scores go far beyond 1."""
+    return max(1.0, float(solutions.scores[0]))
 
 
 def repair_moves(

@@ -163,7 +163,7 @@ def _observed(
     searched_cells[kept[region >= 0]] = True
     noise = min(preparation.noise_of(raw[searched_cells[cell]]), options.most_noise)
     kept_points = np.ascontiguousarray(points[kept])
-    kept_points, normals = preparation.with_normals(kept_points, noise, spacing, preparing, threads)
+    normals = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
     normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
     weight = np.where(planes, options.plane_weight, np.where(region >= 0, 1.0, options.other_weight)).astype(np.float32)
     field_cell = preparing.field_cell

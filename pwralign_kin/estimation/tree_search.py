@@ -157,8 +157,7 @@ class TreeSearch:
     @property
     def sigma(self) -> float:
         """Smallest robust scale that the noise of the scan allows."""
-        noise = self.observation.noise
-        return max(self.options.least_sigma, 1.2 * noise if noise > 0.0055 else 0.0)
+        return max(self.options.least_sigma, 1.2 * self.observation.noise)
 
     def largest_parts(self, count: int) -> Ints:
         """Return the parts with surface in decreasing size, at most `count`."""

@@ -22,7 +22,7 @@ class VoteOptions:
 
     parts: int = 8
     """Parts that explain too little, largest lack first, that votes are cast for."""
-    points: int = 400
+    points: int = 200
     """Unexplained points that pairs are drawn about."""
     explained_weight: float = 0.3
     """Weight of all other points in the score of a placement."""

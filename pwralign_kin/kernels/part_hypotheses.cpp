@@ -91,16 +91,19 @@ static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec mode
     return T;
 }
 
-// Score a candidate; most fail on the first few samples already.
+// Score a candidate; most fail on the first few samples already, a third of those on half of them.
 void Search::consider(int part, const Rigid &pose, const float *point_weights,
                       std::vector<Hypothesis> &candidates) const {
-    constexpr int first_samples = 16;
-    constexpr float promising = .15f;
+    constexpr int fewest_samples = 8, first_samples = 16;
+    constexpr float promising = .15f, most_of_sample = .9f;
     const Surface &s = model.surface[part];
     const float distance = 1.3f * options.support_distance;
-    const int first = s.count(first_samples), last = s.count(options.sweep_samples);
+    const int fewest = s.count(fewest_samples), first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
-    const float early = part_score(part, T, 0, first, distance, point_weights);
+    float early = part_score(part, T, 0, fewest, distance, point_weights);
+    const float hoped = early + most_of_sample * (s.cumulated[first] - s.cumulated[fewest]);
+    if (hoped < promising * s.cumulated[first]) return;
+    early += part_score(part, T, fewest, first, distance, point_weights);
     if (early < promising * s.cumulated[first] || !prior.reachable(part, pose)) return;
     candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
