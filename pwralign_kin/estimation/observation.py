@@ -19,9 +19,10 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 
-NEIGHBOURS = {6: 0.675, 7: 0.782, 8: 0.841, 10: 0.864, 12: 0.885}
-"""Counts of neighbours that noise is measured with, and the median variance about their best plane that points with
-noise of variance one on a plane have (simulated)."""
+NEIGHBOURS = np.array([6, 7, 8, 10, 12])
+"""Counts of neighbours that noise is measured with; twice as many where the fewest lie in a blob, ..."""
+FLAT = 1.9
+"""... not this much wider (rms) than thick: noise that hides the surface in it is noise of twice the reach."""
 LEAST_POINTS = 20
 """Occupied cells of the downsampling below which a scan cannot be of the model."""
 MOST_EXTENT = 1000.0
@@ -213,25 +214,38 @@ def noise_of(points: Float) -> float:
     """
     from scipy.spatial import cKDTree
 
-    most = max(NEIGHBOURS)
+    most = 2 * NEIGHBOURS.max()
     if len(points) < most:
         return 0.0
     chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
     near = points[cKDTree(points).query(points[chosen], k=most)[1]].astype(float)
-    variances = np.array([_variance_about_planes(near[:, :k]) / share for k, share in NEIGHBOURS.items()])
-    terms = np.stack([np.ones(len(NEIGHBOURS)), np.square(np.array(list(NEIGHBOURS), float))], axis=1)
-    # Variances are known to equal relative accuracy.
-    scale = 1.0 / np.maximum(variances, 1e-18)
-    (noise, _), *_ = np.linalg.lstsq(terms * scale[:, None], np.ones(len(terms)), rcond=None)
-    return float(np.sqrt(max(noise, 0.0)))
+    across, along = _variances(near, NEIGHBOURS)
+    if along[0] > FLAT**2 * across[0]:
+        return _without_curvature(NEIGHBOURS, across)
+    return _without_curvature(2 * NEIGHBOURS, _variances(near, 2 * NEIGHBOURS)[0])
 
 
-def _variance_about_planes(near: Array) -> float:
-    """Return the median variance of neighbourhoods (m, k, 3) about their best planes."""
-    centred = near - near.mean(axis=1, keepdims=True)
-    # A plane takes three degrees of freedom of the neighbours' scatter.
-    scatter = np.einsum("mka,mkb->mab", centred, centred) / (near.shape[1] - 3)
-    return float(np.median(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0)))
+def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
+    """Return the standard deviation that variances across planes through `counts` neighbours tend to at none."""
+    terms = np.stack([np.ones(len(counts)), counts**2], axis=1)
+    # Each variance is known to the same relative accuracy.
+    scale = 1.0 / np.maximum(across, 1e-18)
+    (variance, _), *_ = np.linalg.lstsq(terms * scale[:, None], np.ones(len(counts)), rcond=None)
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return per count k the median variances of neighbourhoods near[:, :k] across and along their best planes."""
+    across, along = [], []
+    for k in counts:
+        centred = near[:, :k] - near[:, :k].mean(axis=1, keepdims=True)
+        freedom = k - 3  # a plane takes three degrees of freedom of the neighbours' scatter
+        scatter = np.einsum("mka,mkb->mab", centred, centred) / freedom
+        thin, wide, _ = np.median(np.maximum(np.linalg.eigvalsh(scatter), 0.0), axis=0)
+        # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
+        across.append(thin / (1 - 2 / (9 * freedom)) ** 3)
+        along.append(wide)
+    return np.array(across), np.array(along)
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
