@@ -194,13 +194,27 @@ def _regrow(
 
 
 def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
-    """Sweep every joint on its own, once with what hangs on it moving and once with all the rest moving."""
+    """Sweep every joint, once with what hangs on it moving and once with all the rest, and compound joints whole.
+
+    A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
+    """
     joints = solution.values.shape[1]
-    joint = np.tile(np.arange(joints, dtype=np.int32), 2)
-    base_moves = np.repeat(np.array([0, 1], np.uint8), joints)
-    return Candidates(
-        *search.native.sweep(solution.bases, solution.values, np.zeros(2 * joints, np.int32), joint, base_moves, 3)
-    )
+    alone = np.tile(np.arange(joints, dtype=np.int32), 2)
+    first, second = _compound_joints(search)
+    joint, with_joint = np.concatenate([alone, first]), np.concatenate([np.full_like(alone, -1), second])
+    base_moves = np.zeros(len(joint), np.uint8)
+    base_moves[joints : 2 * joints] = 1
+    none = np.zeros(len(joint), np.int32)
+    return Candidates(*search.native.sweep(solution.bases, solution.values, none, joint, base_moves, with_joint, 3))
+
+
+def _compound_joints(search: TreeSearch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return pairs of actuated joints, inner and outer, that have no surface between them."""
+    actuated, parent = search.model.actuated, search.parent
+    outer = [i for i in range(1, len(parent)) if parent[i] > 0 and not search.exists[parent[i]]]
+    pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
+    first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
+    return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
 def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:

@@ -62,6 +62,8 @@ class Articulated:
     @property
     def parent(self) -> NDArray[np.int32]: ...
     @property
+    def actuated(self) -> NDArray[np.int32]: ...
+    @property
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
@@ -214,6 +216,7 @@ class Search:
         configuration: NDArray[np.int32],
         joint: NDArray[np.int32],
         base_moves: NDArray[np.uint8],
+        with_joint: NDArray[np.int32],
         keep: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def score(

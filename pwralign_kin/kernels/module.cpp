@@ -209,6 +209,7 @@ void bind_model(nb::module_ &m) {
             return copy;
         }, "lower"_a, "upper"_a)
         .def_prop_ro("parent", [](const Articulated &self) { return to_numpy(std::vector<int>(self.parent)); }, nb::rv_policy::move)
+        .def_prop_ro("actuated", [](const Articulated &self) { return to_numpy(std::vector<int>(self.actuated)); }, nb::rv_policy::move)
         .def_prop_ro("limits", [](const Articulated &self) {
             return nb::make_tuple(to_numpy(std::vector<double>(self.lower)), to_numpy(std::vector<double>(self.upper)));
         }, nb::rv_policy::move)
@@ -358,14 +359,14 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "anchor"_a, "part"_a, "placements"_a, "seed"_a, "starts"_a, "keep"_a, "tolerance"_a)
-        .def("sweep", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves, int keep) {
+        .def("sweep", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves, Ints with, int keep) {
             const auto from = read_configurations(self.model, bases, values);
-            require(joint.shape(0) == configuration.shape(0) && base_moves.shape(0) == configuration.shape(0), "the arrays of the tasks differ in length");
+            require(joint.shape(0) == configuration.shape(0) && base_moves.shape(0) == configuration.shape(0) && with.shape(0) == configuration.shape(0), "the arrays of the tasks differ in length");
             std::vector<SweepTask> tasks;
             for (size_t t = 0; t < configuration.shape(0); ++t) {
-                const int c = configuration.data()[t], j = joint.data()[t];
-                require(c >= 0 && c < int(from.size()) && j >= 0 && j < self.model.joints, "a task names something that does not exist");
-                tasks.push_back({c, j, base_moves.data()[t] != 0});
+                const int c = configuration.data()[t], j = joint.data()[t], w = with.data()[t];
+                require(c >= 0 && c < int(from.size()) && j >= 0 && j < self.model.joints && w >= -1 && w < self.model.joints, "a task names something that does not exist");
+                tasks.push_back({c, j, base_moves.data()[t] != 0, w});
             }
             std::vector<Configuration> found;
             {
@@ -373,7 +374,7 @@ void bind_search(nb::module_ &m) {
                 found = self.sweep(from, tasks, keep);
             }
             return write_configurations(self.model, found);
-        }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "keep"_a)
+        }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a)
         .def("score", [](const Search &self, Placements bases, Matrix values, int points, float coverage_distance) {
             require(points > 0, "a score needs points");
             auto configurations = read_configurations(self.model, bases, values);

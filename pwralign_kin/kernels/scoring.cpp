@@ -176,8 +176,12 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
         const Configuration &c = from[task.configuration];
-        int child = 1;
-        while (model.actuated[child] != task.joint) ++child;
+        auto part_on = [&](int joint) {
+            int part = 1;
+            while (model.actuated[part] != joint) ++part;
+            return part;
+        };
+        const int child = part_on(task.joint);
         // With the base moving the first part on the joint stands still, and all that hangs rigidly on it.
         std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
         for (int p = 1; p < n; ++p)
@@ -195,17 +199,25 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         };
         place(c);
         const Rigid held = T[child];
-        const Sweep &sweep = sweeps[child];
-        const int steps = int(sweep.values.size()), window = std::min(2, steps / 8);
-        std::vector<Configuration> tried(steps, {c.base, c.values, 0});
-        for (int v = 0; v < steps; ++v) {
-            tried[v].values[task.joint] = sweep.values[v];
+        // Two joints take half of their values each: refinement finds the rest of the way.
+        const int stride = task.with < 0 ? 1 : 2;
+        const Sweep &sweep = sweeps[child], alone{{}, {}, {}, false};
+        const Sweep &other = task.with < 0 ? alone : sweeps[part_on(task.with)];
+        auto axis = [&](const Sweep &s) {
+            const int size = std::max(1, (int(s.values.size()) + stride - 1) / stride);
+            return GridAxis{size, std::min(2, size / 8), s.circular};
+        };
+        const GridAxis first = axis(sweep), second = axis(other);
+        std::vector<Configuration> tried(first.size * second.size, {c.base, c.values, 0});
+        for (int v = 0; v < int(tried.size()); ++v) {
+            tried[v].values[task.joint] = sweep.values[stride * (v / second.size)];
+            if (task.with >= 0) tried[v].values[task.with] = other.values[stride * (v % second.size)];
             if (!task.base_moves) continue;
             place(tried[v]);
             tried[v].base = held * inverse(T[child]) * tried[v].base;
         }
         // Few points tell which values are worth a look with many.
-        std::vector<int> modes(steps);
+        std::vector<int> modes(tried.size());
         std::iota(modes.begin(), modes.end(), 0);
         for (const int points : {few_points, most_points}) {
             const int count = std::min<int>(points, int(sampled.size()));
@@ -214,7 +226,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             const Assignment before = assign(&look[0].p, count, 2, T.data(), stays.data(), options.band);
             Assignment all = before;
             assign_more(&look[0].p, 2, T.data(), moves.data(), all);
-            std::vector<float> support(n, 0.f), row(steps, -1e9f);
+            std::vector<float> support(n, 0.f), row(tried.size(), -1e9f);
             // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
             std::vector<int> owner(field.points.size(), -1);
             for (int i = 0; i < count; ++i) owner[shuffled[i]] = all.part[i];
@@ -228,7 +240,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                 tried[v].score = row[v] = total_score(coverage(a, F, options.coverage_distance), support.data()) -
                                           prior.cost(tried[v].base, tried[v].values);
             }
-            modes = best_modes(row, points == few_points ? 3 * keep : keep, window, sweep.circular);
+            modes = best_modes(row, points == few_points ? 3 * keep : keep, first, second);
         }
         for (int v : modes) found[t].push_back(tried[v]);
     });

@@ -57,6 +57,7 @@ struct Assignment {
 struct SweepTask {
     int configuration, joint; // an actuated joint
     bool base_moves;          // what hangs on the joint moves, or else all the rest
+    int with;                 // an actuated joint further out that is swept at each value of the first; -1: none
 };
 
 struct ReachTask {
@@ -69,8 +70,16 @@ struct RegrowTask {
     std::vector<float> weights;     // per part; parts of weight 0 are neither grown to nor taken as explaining
 };
 
-// The best `modes` of a row of scores, each the best within `window` of itself.
-std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular);
+// One axis of a grid of scores; the best of a mode's neighbours within `window` on every axis is the mode itself.
+struct GridAxis {
+    int size, window;
+    bool circular;
+};
+
+// The best `modes` of a row of scores, ...
+std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis);
+// ... and of a grid of them, the second axis running fastest.
+std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second);
 
 class Search {
   public:
@@ -96,7 +105,8 @@ class Search {
     // `keep` of each task that leave less than `tolerance`.
     std::vector<Configuration> reach(const std::vector<Configuration> &from, const std::vector<ReachTask> &tasks,
                                      uint64_t seed, int starts, int keep, float tolerance) const;
-    // Sweep one actuated joint of whole configurations; the best `keep` modes of each task by the two-way score.
+    // Sweep one actuated joint of whole configurations, or two together in steps twice as long; the best `keep` modes of
+    // each task by the two-way score.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                      int keep) const;
     // Two-way score of whole configurations on a fair sample of at most `points` scan points; `support` is (m, parts).

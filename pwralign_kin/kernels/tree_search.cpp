@@ -44,19 +44,26 @@ bool Search::leads_to_surface(int node, int previous, const float *part_weights)
     return false;
 }
 
-std::vector<int> best_modes(std::vector<float> row, int modes, int window, bool circular) {
+std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis) {
+    return best_modes(std::move(row), modes, {1, 0, false}, axis);
+}
+
+std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second) {
     constexpr float taken = -1e9f;
-    const int size = int(row.size());
+    auto at = [](int i, GridAxis axis) {
+        if (axis.circular) return (i % axis.size + axis.size) % axis.size;
+        return i < 0 || i >= axis.size ? -1 : i;
+    };
     std::vector<int> chosen;
     while (int(chosen.size()) < modes) {
-        const int best = int(std::max_element(row.begin(), row.end()) - row.begin());
-        if (row[best] <= taken) break;
+        const int best = int(std::max_element(grid.begin(), grid.end()) - grid.begin());
+        if (grid[best] <= taken) break;
         chosen.push_back(best);
-        for (int d = -window; d <= window; ++d) {
-            int j = best + d;
-            if (circular) j = (j % size + size) % size;
-            if (j >= 0 && j < size) row[j] = taken;
-        }
+        for (int a = -first.window; a <= first.window; ++a)
+            for (int b = -second.window; b <= second.window; ++b) {
+                const int i = at(best / second.size + a, first), j = at(best % second.size + b, second);
+                if (i >= 0 && j >= 0) grid[i * second.size + j] = taken;
+            }
     }
     return chosen;
 }
@@ -129,7 +136,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             candidates.push_back({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
             continue;
         }
-        for (int v : best_modes(row, modes, window, sweep.circular))
+        for (int v : best_modes(row, modes, {steps, window, sweep.circular}))
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
     std::stable_sort(candidates.begin(), candidates.end(),
