@@ -130,8 +130,10 @@ class Estimator:
         else:
             guess = search.observation.to_search(self.model.root_placement(initial))
             solutions = self._from_guess(search, guess, prior, correspondences, watch)
-        if self.options.near is not None:
-            solutions = search.through(solutions, observation.scaled(np.array([self.options.near])))
+        near = self._near(observation)
+        if near is not None:
+            passing = solutions.take(search.passes(solutions, near))
+            solutions = passing if len(passing) else solutions
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
         solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
@@ -153,6 +155,10 @@ class Estimator:
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
         )
+
+    def _near(self, observation: Observation) -> NDArray[np.float32] | None:
+        """Return the point (1, 3) on the model that is told, in the search's frame."""
+        return None if self.options.near is None else observation.scaled(np.array([self.options.near]))
 
     def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
@@ -203,9 +209,14 @@ class Estimator:
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
         if search.observation.scene:
-            return self._in_scene(search, watch)
+            return self._in_scene(search, correspondences, watch)
         with watch.stage("hypotheses"):
-            hypotheses = search.promising(self._hypotheses(search, correspondences))
+            found = self._outside(search, correspondences, self.options.seed)
+            if "pairs" in self.options.sources:
+                found = Hypotheses.concatenate([search.pair_hypotheses(self.options.seed), found])
+            if len(found.parts) == 0:
+                raise self._nothing_placed
+            hypotheses = search.promising(found)
         with watch.stage("growth"):
             grown = search.grow(hypotheses)
             if search.known.near:
@@ -217,12 +228,17 @@ class Estimator:
         with watch.stage("repair"):
             return self._repaired(search, refined, turn=True)
 
-    def _in_scene(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
+    def _in_scene(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search a scene, again with other samples where the answer leaves much around it unexplained."""
         several: list[Candidates] = []
+        near, pairs = self._near(search.observation), "pairs" in self.options.sources
         for attempt in range(self.options.scene_search.attempts):
+            seed = self.options.seed + attempt
             with watch.stage("regions"):
-                found = search_regions(search, self.options.scene_search, self.options.seed + attempt)
+                outside = self._outside(search, correspondences, seed)
+                found = search_regions(search, self.options.scene_search, seed, outside, near, pairs=pairs)
+            if found is None:
+                raise self._nothing_placed
             with watch.stage("repair"):
                 several.append(self._repaired(search, found, turn=True))
             best = search.distinct(
@@ -242,22 +258,21 @@ class Estimator:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions
 
-    def _hypotheses(self, search: TreeSearch, correspondences: Correspondences | None) -> Hypotheses:
-        """Collect part hypotheses from every source."""
-        seed, sources = self.options.seed, self.options.sources
+    def _outside(self, search: TreeSearch, correspondences: Correspondences | None, seed: int) -> Hypotheses:
+        """Return part hypotheses from correspondences: those given, and those of the built-in features."""
         given = [] if correspondences is None else [correspondences]
-        found = []
-        if "pairs" in sources:
-            found.append(search.pair_hypotheses(seed))
-        if "fpfh" in sources:
+        if "fpfh" in self.options.sources:
             largest = search.largest_parts(search.options.root_parts)
             given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
         oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
-        found += [search.correspondence_hypotheses(pairs, seed) for pairs in oriented]
-        hypotheses = Hypotheses.concatenate(found) if found else None
-        if hypotheses is None or len(hypotheses.parts) == 0:
-            raise CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
-        return hypotheses
+        return Hypotheses.concatenate(
+            [Hypotheses.nothing(), *(search.correspondence_hypotheses(pairs, seed) for pairs in oriented)]
+        )
+
+    @property
+    def _nothing_placed(self) -> CorrespondenceError:
+        sources = self.options.sources
+        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
 
     def _from_guess(
         self,

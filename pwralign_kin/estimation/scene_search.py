@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -35,22 +37,46 @@ class SceneSearchOptions:
     """Of them at least so many of each region."""
 
 
-def search_regions(search: TreeSearch, options: SceneSearchOptions, seed: int) -> Candidates:
-    """Return refined configurations from all regions."""
-    observation = search.observation
-    areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
-    share = np.sqrt(areas[: options.regions])
-    share /= share.sum()
-    found = []
-    for region, part in enumerate(share):
-        hypotheses = search.pair_hypotheses(seed, region, max(options.least_anchors, int(part * options.anchors)))
-        if len(hypotheses.parts) == 0:
-            continue
-        roots = search.promising(hypotheses, max(options.least_roots, int(part * options.roots)))
-        grown = search.grow(roots)
-        kept = search.sifted(grown, max(options.least_refined, int(part * options.refined)))
-        found.append(search.scored(search.refined(kept, iterations=options.iterations))[0].best_first())
+def search_regions(
+    search: TreeSearch, options: SceneSearchOptions, seed: int, outside: Hypotheses, near: Float | None, *, pairs: bool
+) -> Candidates | None:
+    """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
+
+    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped.
+    """
+    found = [
+        _searched(search, options, hypotheses, share)
+        for hypotheses, share in _sources(search, options, seed, outside, pairs=pairs)
+        if len(hypotheses.parts)
+    ]
+    if not found:
+        return None
+    if near is not None:
+        passing = [f.take(search.passes(f, near)) for f in found]
+        found = [f for f in passing if len(f)] or found
     firsts = Candidates.concatenate([f.take(slice(options.kept_per_region)) for f in found])
     others = Candidates.concatenate([f.take(slice(options.kept_per_region, None)) for f in found]).best_first()
     chosen = Candidates.concatenate([firsts, others.take(slice(max(0, options.kept - len(firsts))))])
     return search.scored(search.refined(chosen))[0]
+
+
+def _sources(
+    search: TreeSearch, options: SceneSearchOptions, seed: int, outside: Hypotheses, *, pairs: bool
+) -> Iterator[tuple[Hypotheses, float]]:
+    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole."""
+    yield outside, 1.0
+    if not pairs:
+        return
+    observation = search.observation
+    areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
+    shares = np.sqrt(areas[: options.regions])
+    for region, share in enumerate(shares / shares.sum()):
+        anchors = max(options.least_anchors, int(share * options.anchors))
+        yield search.pair_hypotheses(seed, region, anchors), float(share)
+
+
+def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Candidates:
+    """Return configurations grown from a share of the budget and refined a little, best first."""
+    roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
+    kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
+    return search.scored(search.refined(kept, iterations=options.iterations))[0].best_first()

@@ -312,10 +312,10 @@ class TreeSearch:
             distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
-    def through(self, candidates: Candidates, point: Float) -> Candidates:
-        """Return the candidates whose surface is near `point` (1, 3); all of them where none is."""
-        near = [self._distances(candidates.take([i]), point)[0] < self.options.near for i in range(len(candidates))]
-        return candidates.take(np.array(near)) if any(near) else candidates
+    def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
+        """Return which of the candidates (m,) have surface near `point` (1, 3)."""
+        distances = [self._distances(candidates.take([i]), point)[0] for i in range(len(candidates))]
+        return np.array(distances) < self.options.near
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
         """Return per scan point its distance (at most 0.06) from the nearest of `parts` of one candidate, and which."""
