@@ -20,7 +20,7 @@ from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
-from pwralign_kin.estimation.scene_search import search_regions
+from pwralign_kin.estimation.scene_search import is_convincing, search_regions
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
@@ -33,8 +33,6 @@ WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
-UNCONVINCING_SCENE = 0.2
-"""The same for a scene, of what is near the model: things may touch it."""
 WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
@@ -229,14 +227,15 @@ class Estimator:
             return self._repaired(search, refined, turn=True)
 
     def _in_scene(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
-        """Search a scene, again with other samples where the answer leaves much around it unexplained."""
+        """Search a scene, again with other samples until an answer is convincing or comes twice."""
+        options = self.options.scene_search
         several: list[Candidates] = []
         near, pairs = self._near(search.observation), "pairs" in self.options.sources
-        for attempt in range(self.options.scene_search.attempts):
+        for attempt in range(options.attempts):
             seed = self.options.seed + attempt
             with watch.stage("regions"):
                 outside = self._outside(search, correspondences, seed)
-                found = search_regions(search, self.options.scene_search, seed, outside, near, pairs=pairs)
+                found = search_regions(search, options, seed, outside, near, pairs=pairs)
             if found is None:
                 raise self._nothing_placed
             with watch.stage("repair"):
@@ -244,7 +243,8 @@ class Estimator:
             best = search.distinct(
                 Candidates.concatenate(several), self.options.repair.solutions, search.options.distinct
             )
-            if search.unexplained(best.take([0])) <= UNCONVINCING_SCENE:
+            as_good = [float(best.scores[0] - own.scores[0]) < options.agree for own in several]
+            if sum(as_good) > 1 or is_convincing(search, best.take([0]), options):
                 break
         return best
 
@@ -289,8 +289,12 @@ class Estimator:
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
-        convincing = UNCONVINCING_SCENE if search.observation.scene else UNCONVINCING
-        if search.unexplained(solutions.take([0])) > convincing:
+        best = solutions.take([0])
+        if search.observation.scene:
+            convincing = is_convincing(search, best, self.options.scene_search)
+        else:
+            convincing = search.unexplained(best) <= UNCONVINCING
+        if not convincing:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,

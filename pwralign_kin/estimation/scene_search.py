@@ -16,8 +16,14 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 class SceneSearchOptions:
     """How much is tried in every region."""
 
-    attempts: int = 2
-    """Searches at most; one where its answer leaves little around it unexplained."""
+    attempts: int = 3
+    """Searches at most; one where its answer is convincing, two where they agree."""
+    convincing: float = 0.5
+    """An answer is convincing if it explains this share of what the model usually shows, ..."""
+    unexplained: float = 0.2
+    """... and leaves no more than this of what is near it unexplained: things may touch it."""
+    agree: float = 0.01
+    """Answers agree if their scores differ by less."""
     regions: int = 12
     """Regions searched, the largest."""
     anchors: int = 600
@@ -35,6 +41,8 @@ class SceneSearchOptions:
     """Configurations that are refined to the end."""
     kept_per_region: int = 2
     """Of them at least so many of each region."""
+    kept_by_coverage: int = 8
+    """Configurations kept besides that explain most: those not yet refined to the end stand in free space a little."""
 
 
 def search_regions(
@@ -57,6 +65,9 @@ def search_regions(
     firsts = Candidates.concatenate([f.take(slice(options.kept_per_region)) for f in found])
     others = Candidates.concatenate([f.take(slice(options.kept_per_region, None)) for f in found]).best_first()
     chosen = Candidates.concatenate([firsts, others.take(slice(max(0, options.kept - len(firsts))))])
+    explaining = Candidates.concatenate(found)
+    most = np.argsort(-search.coverage(explaining), kind="stable")[: options.kept_by_coverage]
+    chosen = Candidates.concatenate([chosen, explaining.take(most)])
     return search.scored(search.refined(chosen))[0]
 
 
@@ -80,3 +91,9 @@ def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypot
     roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
     kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
     return search.scored(search.refined(kept, iterations=options.iterations))[0].best_first()
+
+
+def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:
+    """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
+    explained = float(search.coverage(candidate)[0]) * search.coverage_scale
+    return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained

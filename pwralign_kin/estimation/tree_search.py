@@ -323,9 +323,9 @@ class TreeSearch:
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
-        counts = np.bincount(owners[owners >= 0], minlength=len(self.exists))
-        usual = np.maximum(self.areas * self._usual_share, 1e-9)
-        return np.asarray(counts * self.observation.area_per_point / usual, np.float32)
+        area = self.observation.areas if self.observation.scene else self.observation.area_per_point
+        own = np.bincount(owners[owners >= 0], (area * np.ones(len(owners)))[owners >= 0], len(self.exists))
+        return np.asarray(own / np.maximum(self.areas * self._usual_share, 1e-9), np.float32)
 
     def lacking(self, shares: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) explain too little of the scan, by their `explained_shares`.
