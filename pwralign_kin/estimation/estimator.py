@@ -235,7 +235,7 @@ class Estimator:
             seed = self.options.seed + attempt
             with watch.stage("regions"):
                 outside = self._outside(search, correspondences, seed)
-                found = search_regions(search, options, seed, outside, near, pairs=pairs)
+                found = search_regions(search, options, self.options.repair, seed, outside, near, pairs=pairs)
             if found is None:
                 raise self._nothing_placed
             with watch.stage("repair"):
@@ -289,12 +289,9 @@ class Estimator:
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
-        best = solutions.take([0])
-        if search.observation.scene:
-            convincing = is_convincing(search, best, self.options.scene_search)
-        else:
-            convincing = search.unexplained(best) <= UNCONVINCING
-        if not convincing:
+        # Things may touch the model in a scene.
+        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > tolerated:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,

@@ -9,6 +9,7 @@ import numpy as np
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import Float
+from pwralign_kin.estimation.repair import RepairOptions, repair_moves
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -18,7 +19,7 @@ class SceneSearchOptions:
 
     attempts: int = 3
     """Searches at most; one where its answer is convincing, two where they agree."""
-    convincing: float = 0.5
+    convincing: float = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2
     """... and leaves no more than this of what is near it unexplained: things may touch it."""
@@ -37,16 +38,27 @@ class SceneSearchOptions:
     least_refined: int = 4
     iterations: int = 8
     """Iterations of the refinement before the regions are compared."""
-    kept: int = 24
-    """Configurations that are refined to the end."""
+    kept: int = 16
+    """Configurations that are refined to the end: the best, ..."""
     kept_per_region: int = 2
-    """Of them at least so many of each region."""
+    """... so many of each region, ..."""
     kept_by_coverage: int = 8
-    """Configurations kept besides that explain most: those not yet refined to the end stand in free space a little."""
+    """... and those that explain most: before they are refined, true ones stand in free space a little."""
+    leaders: int = 5
+    """Regions whose best configuration is repaired once before the regions are compared."""
+    moves: int = 8
+    """Moves of each that are refined."""
 
 
 def search_regions(
-    search: TreeSearch, options: SceneSearchOptions, seed: int, outside: Hypotheses, near: Float | None, *, pairs: bool
+    search: TreeSearch,
+    options: SceneSearchOptions,
+    repairing: RepairOptions,
+    seed: int,
+    outside: Hypotheses,
+    near: Float | None,
+    *,
+    pairs: bool,
 ) -> Candidates | None:
     """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
 
@@ -62,13 +74,34 @@ def search_regions(
     if near is not None:
         passing = [f.take(search.passes(f, near)) for f in found]
         found = [f for f in passing if len(f)] or found
-    firsts = Candidates.concatenate([f.take(slice(options.kept_per_region)) for f in found])
-    others = Candidates.concatenate([f.take(slice(options.kept_per_region, None)) for f in found]).best_first()
-    chosen = Candidates.concatenate([firsts, others.take(slice(max(0, options.kept - len(firsts))))])
-    explaining = Candidates.concatenate(found)
-    most = np.argsort(-search.coverage(explaining), kind="stable")[: options.kept_by_coverage]
-    chosen = Candidates.concatenate([chosen, explaining.take(most)])
-    return search.scored(search.refined(chosen))[0]
+    refined = search.scored(search.refined(_chosen(search, options, found)))[0]
+    return Candidates.concatenate([refined, *_improved(search, options, repairing, found, seed)])
+
+
+def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
+    """Return the candidates that are worth refining to the end: the best of each region, of all, and by coverage."""
+    together = Candidates.concatenate(found)
+    rank = np.concatenate([np.arange(len(f)) for f in found])
+    firsts = np.flatnonzero(rank < options.kept_per_region)
+    best = np.argsort(-together.scores, kind="stable")[: options.kept]
+    most = np.argsort(-search.coverage(together), kind="stable")[: options.kept_by_coverage]
+    return together.take(np.unique(np.concatenate([firsts, best, most])))
+
+
+def _improved(
+    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, found: list[Candidates], seed: int
+) -> Iterator[Candidates]:
+    """Yield what one round of repair makes of the leaders of the regions that explain most.
+
+    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them.
+    """
+    firsts = Candidates.concatenate([f.take(slice(1)) for f in found])
+    leaders = search.refined(firsts)
+    for leader in np.argsort(-search.coverage(leaders), kind="stable")[: options.leaders]:
+        moves = repair_moves(search, leaders.take([leader]), repairing, seed, sweep=True, turn=False)
+        if moves is not None:
+            moved = search.sifted(moves, options.moves)
+            yield search.scored(search.refined(moved, iterations=10))[0]
 
 
 def _sources(
