@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, summaries
+from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, scenes, summaries
 from pwralign_kin.benchmark.cases import (
     HARSH,
     PARKED,
@@ -113,6 +113,13 @@ def further_robots(settings: Settings, progress: Progress) -> Result:
     )
 
 
+def unsegmented_scenes(settings: Settings, progress: Progress) -> Result:
+    """The model in whole rooms, without a mask. The rooms take the place of the tiers."""
+    models = _models(settings, settings.robots or ROBOTS)
+    outcomes = scenes.measure(models, settings.configurations or CONFIGURATIONS, settings.threads, progress)
+    return Result(scenes.table(outcomes), outcomes)
+
+
 def honest_doubt(settings: Settings, progress: Progress) -> Result:
     """Confidence and standard deviations against the truth, on the cases of two tables and harsher ones."""
     all_of = []
@@ -190,6 +197,7 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
         "overlay": overlay,
         "further": further_robots,
         "figures": figure_models,
+        "scenes": unsegmented_scenes,
         "calibration": honest_doubt,
         "curves": degradation,
         "ablation": ablation,

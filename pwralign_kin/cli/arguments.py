@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -113,16 +113,17 @@ def read_scan(
     return scan if crop is None else scan.cropped(crop[:3], crop[3:])
 
 
-def in_metres(
-    scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float, point: tuple[float, float, float] | None = None
-) -> tuple[Scan, tuple[float, float, float] | None]:
-    """Return the scan, and a `point` given in its unit, in m.
+def in_metres(scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float) -> tuple[Scan, float]:
+    """Return the scan in m, and the length of its unit in m.
 
     Raises `UnitError` when `units` cannot be true beside a model of `diagonal` m.
     """
     from pwralign_kin.scan import check_units
 
     metres = check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)
-    if point is None or metres is scan:
-        return metres, point
-    return metres, (1e-3 * point[0], 1e-3 * point[1], 1e-3 * point[2])
+    return metres, 1.0 if metres is scan else 1e-3
+
+
+def scaled(values: tuple[float, ...] | None, unit: float) -> Any:
+    """Return a point or a box in m, given in a `unit` (m); None stays None."""
+    return None if values is None else tuple(unit * value for value in values)

@@ -73,6 +73,14 @@ def estimate(
         Triple | None,
         Parameter(help="x y z: a point on the object, to find it in a scene; unit of the scan.", negative=()),
     ] = None,
+    region: Annotated[
+        Box | None,
+        Parameter(
+            help="xmin ymin zmin xmax ymax zmax: a box that the object is in; unlike with --crop, what is outside "
+            "still tells hidden from free space.",
+            negative=(),
+        ),
+    ] = None,
     correspondences: Annotated[
         Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
     ] = None,
@@ -109,8 +117,8 @@ def estimate(
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
         model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
-        converted = [arguments.in_metres(points, units, model.diagonal, near) for points in read]
-        scans, hint = [points for points, _ in converted], converted[0][1]
+        converted = [arguments.in_metres(points, units, model.diagonal) for points in read]
+        scans, unit = [points for points, _ in converted], converted[0][1]
         known = BasePrior(
             T_scan_base=None if base is None or base_std is None else _placement(base),
             translation_std=base_std[0] if base_std else 0.0,
@@ -119,7 +127,13 @@ def estimate(
             region=None if base_region is None else (base_region[:3], base_region[3:]),
         )
         options = EstimatorOptions(
-            seed=seed, threads=threads, locked=tuple(lock or ()), prior=values, base=known, near=hint
+            seed=seed,
+            threads=threads,
+            locked=tuple(lock or ()),
+            prior=values,
+            base=known,
+            near=arguments.scaled(near, unit),
+            region=arguments.scaled(region, unit),
         )
         result: Estimate | SharedBaseEstimate
         if more:

@@ -32,6 +32,11 @@ class Hypotheses:
         )
 
     @staticmethod
+    def nothing() -> Hypotheses:
+        """Return the empty set."""
+        return Hypotheses(np.zeros(0, np.int32), np.zeros((0, 4, 4)), np.zeros(0, np.float32))
+
+    @staticmethod
     def concatenate(several: Sequence[Hypotheses]) -> Hypotheses:
         """Return all hypotheses of several sets."""
         return Hypotheses(

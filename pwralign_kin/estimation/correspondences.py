@@ -99,8 +99,9 @@ class FpfhMatcher:
         """Return the nearest scan points in feature space, weighted by how near they are."""
         from scipy.spatial import cKDTree
 
-        scan_features = _fpfh(observation.points, observation.normals, self.radius)
-        tree = cKDTree(scan_features)
+        # Known surroundings shape the features of what touches them, but are not the model.
+        searched = np.flatnonzero(observation.regions >= 0)
+        tree = cKDTree(_fpfh(observation.points, observation.normals, self.radius)[searched])
         at_zero = model.part_placements(np.zeros(len(model.joint_names)))
         sources, targets, weights = [], [], []
         for part in parts:
@@ -110,7 +111,8 @@ class FpfhMatcher:
             distance, index = tree.query(features, k=self.matches)
             source = transform(at_zero[part], surface.dense[::step].astype(float) * model.diagonal)
             sources.append(np.repeat(source, self.matches, axis=0))
-            targets.append(observation.points[index.ravel()].astype(float) * observation.diagonal + observation.centre)
+            found = observation.points[searched[index.ravel()]].astype(float)
+            targets.append(found * observation.diagonal + observation.centre)
             weights.append(1.0 / (distance.ravel() + 1.0))
         return Correspondences(np.concatenate(sources), np.concatenate(targets), np.concatenate(weights))
 

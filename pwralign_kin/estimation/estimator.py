@@ -20,7 +20,7 @@ from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
-from pwralign_kin.estimation.scene_search import search_regions
+from pwralign_kin.estimation.scene_search import is_convincing, search_regions
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import Doubt, doubt
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
@@ -33,8 +33,6 @@ WARM_SIGMAS = (0.03, 0.06, 0.1)
 """Robust scales (model diagonals) that a guess is refined from."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
-UNCONVINCING_SCENE = 0.2
-"""The same for a scene, of what is near the model: things may touch it."""
 WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
@@ -130,8 +128,10 @@ class Estimator:
         else:
             guess = search.observation.to_search(self.model.root_placement(initial))
             solutions = self._from_guess(search, guess, prior, correspondences, watch)
-        if self.options.near is not None:
-            solutions = search.through(solutions, observation.scaled(np.array([self.options.near])))
+        near = self._near(observation)
+        if near is not None:
+            passing = solutions.take(search.passes(solutions, near))
+            solutions = passing if len(passing) else solutions
         with watch.stage("finish"):
             finished = self._finish(search, solutions)
         solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
@@ -153,6 +153,10 @@ class Estimator:
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
         )
+
+    def _near(self, observation: Observation) -> NDArray[np.float32] | None:
+        """Return the point (1, 3) on the model that is told, in the search's frame."""
+        return None if self.options.near is None else observation.scaled(np.array([self.options.near]))
 
     def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
@@ -203,9 +207,14 @@ class Estimator:
     def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
         """Search without a guess."""
         if search.observation.scene:
-            return self._in_scene(search, watch)
+            return self._in_scene(search, correspondences, watch)
         with watch.stage("hypotheses"):
-            hypotheses = search.promising(self._hypotheses(search, correspondences))
+            found = self._outside(search, correspondences, self.options.seed)
+            if "pairs" in self.options.sources:
+                found = Hypotheses.concatenate([search.pair_hypotheses(self.options.seed), found])
+            if len(found.parts) == 0:
+                raise self._nothing_placed
+            hypotheses = search.promising(found)
         with watch.stage("growth"):
             grown = search.grow(hypotheses)
             if search.known.near:
@@ -217,18 +226,25 @@ class Estimator:
         with watch.stage("repair"):
             return self._repaired(search, refined, turn=True)
 
-    def _in_scene(self, search: TreeSearch, watch: Stopwatch) -> Candidates:
-        """Search a scene, again with other samples where the answer leaves much around it unexplained."""
+    def _in_scene(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
+        """Search a scene, again with other samples until an answer is convincing or comes twice."""
+        options = self.options.scene_search
         several: list[Candidates] = []
-        for attempt in range(self.options.scene_search.attempts):
+        near, pairs = self._near(search.observation), "pairs" in self.options.sources
+        for attempt in range(options.attempts):
+            seed = self.options.seed + attempt
             with watch.stage("regions"):
-                found = search_regions(search, self.options.scene_search, self.options.seed + attempt)
+                outside = self._outside(search, correspondences, seed)
+                found = search_regions(search, options, self.options.repair, seed, outside, near, pairs=pairs)
+            if found is None:
+                raise self._nothing_placed
             with watch.stage("repair"):
                 several.append(self._repaired(search, found, turn=True))
             best = search.distinct(
                 Candidates.concatenate(several), self.options.repair.solutions, search.options.distinct
             )
-            if search.unexplained(best.take([0])) <= UNCONVINCING_SCENE:
+            as_good = [float(best.scores[0] - own.scores[0]) < options.agree for own in several]
+            if sum(as_good) > 1 or is_convincing(search, best.take([0]), options):
                 break
         return best
 
@@ -242,22 +258,21 @@ class Estimator:
             solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
         return solutions
 
-    def _hypotheses(self, search: TreeSearch, correspondences: Correspondences | None) -> Hypotheses:
-        """Collect part hypotheses from every source."""
-        seed, sources = self.options.seed, self.options.sources
+    def _outside(self, search: TreeSearch, correspondences: Correspondences | None, seed: int) -> Hypotheses:
+        """Return part hypotheses from correspondences: those given, and those of the built-in features."""
         given = [] if correspondences is None else [correspondences]
-        found = []
-        if "pairs" in sources:
-            found.append(search.pair_hypotheses(seed))
-        if "fpfh" in sources:
+        if "fpfh" in self.options.sources:
             largest = search.largest_parts(search.options.root_parts)
             given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
         oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
-        found += [search.correspondence_hypotheses(pairs, seed) for pairs in oriented]
-        hypotheses = Hypotheses.concatenate(found) if found else None
-        if hypotheses is None or len(hypotheses.parts) == 0:
-            raise CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
-        return hypotheses
+        return Hypotheses.concatenate(
+            [Hypotheses.nothing(), *(search.correspondence_hypotheses(pairs, seed) for pairs in oriented)]
+        )
+
+    @property
+    def _nothing_placed(self) -> CorrespondenceError:
+        sources = self.options.sources
+        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
 
     def _from_guess(
         self,
@@ -274,8 +289,9 @@ class Estimator:
             refined = search.scored(Candidates.concatenate(starts))[0]
         with watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
-        convincing = UNCONVINCING_SCENE if search.observation.scene else UNCONVINCING
-        if search.unexplained(solutions.take([0])) > convincing:
+        # Things may touch the model in a scene.
+        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > tolerated:
             solutions = search.distinct(
                 Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
                 self.options.repair.solutions,

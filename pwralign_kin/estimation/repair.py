@@ -117,8 +117,10 @@ def repair_moves(
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
-    if missing and not search.observation.scene:
-        votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in (False, True)]
+    if missing or search.observation.scene:
+        # In a scene what is near and unexplained may be of other things: one look at all that is doubtful.
+        ways = (True,) if search.observation.scene else (False, True)
+        votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
         moves += [vote for vote in votes if vote is not None]
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))

@@ -65,9 +65,9 @@ class SceneOptions:
     """Points nearer than this belong to one region."""
     region_area: float = 0.015
     region_points: int = 25
-    """Regions with less than this share of the visible area of the model, or fewer points, are not searched."""
+    """Regions with less than this share of the visible area of the model, or fewer points, are fragments."""
     margin: float = 0.35
-    """Surroundings this near to what is searched are kept."""
+    """Fragments and surroundings this near to a region are kept."""
     plane_weight: float = 0.35
     """How much a point of a background plane speaks for the model, ..."""
     other_weight: float = 0.5
@@ -328,7 +328,12 @@ def _wide_pieces(
 def _regions(
     points: Float, area: Float, searched: Bools, model_area: float, options: SceneOptions
 ) -> NDArray[np.int64]:
-    """Return the connected region of each point, largest first; -1 for what is not searched."""
+    """Return the connected region of each point, largest first; -1 for what is not searched.
+
+    Fragments too small to be searched on their own belong to the region that they are near to: bits of thin parts.
+    """
+    from scipy.spatial import cKDTree
+
     region = np.full(len(points), -1, np.int64)
     chosen = np.flatnonzero(searched)
     if len(chosen) == 0:
@@ -341,6 +346,12 @@ def _regions(
     order = order[large[order]]
     rank[order] = np.arange(len(order))
     region[chosen] = rank[label]
+    if not large.any():
+        return region
+    fragments, others = chosen[~large[label]], chosen[large[label]]
+    distance, nearest = cKDTree(points[others]).query(points[fragments], distance_upper_bound=options.margin)
+    near = np.isfinite(distance)
+    region[fragments[near]] = region[others[nearest[near]]]
     return region
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.observation import Float
+from pwralign_kin.estimation.repair import RepairOptions, repair_moves
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -14,8 +17,14 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 class SceneSearchOptions:
     """How much is tried in every region."""
 
-    attempts: int = 2
-    """Searches at most; one where its answer leaves little around it unexplained."""
+    attempts: int = 3
+    """Searches at most; one where its answer is convincing, two where they agree."""
+    convincing: float = 0.4
+    """An answer is convincing if it explains this share of what the model usually shows, ..."""
+    unexplained: float = 0.2
+    """... and leaves no more than this of what is near it unexplained: things may touch it."""
+    agree: float = 0.01
+    """Answers agree if their scores differ by less."""
     regions: int = 12
     """Regions searched, the largest."""
     anchors: int = 600
@@ -29,28 +38,95 @@ class SceneSearchOptions:
     least_refined: int = 4
     iterations: int = 8
     """Iterations of the refinement before the regions are compared."""
-    kept: int = 24
-    """Configurations that are refined to the end."""
+    kept: int = 16
+    """Configurations that are refined to the end: the best, ..."""
     kept_per_region: int = 2
-    """Of them at least so many of each region."""
+    """... so many of each region, ..."""
+    kept_by_coverage: int = 8
+    """... and those that explain most: before they are refined, true ones stand in free space a little."""
+    leaders: int = 5
+    """Regions whose best configuration is repaired once before the regions are compared."""
+    moves: int = 8
+    """Moves of each that are refined."""
 
 
-def search_regions(search: TreeSearch, options: SceneSearchOptions, seed: int) -> Candidates:
-    """Return refined configurations from all regions."""
+def search_regions(
+    search: TreeSearch,
+    options: SceneSearchOptions,
+    repairing: RepairOptions,
+    seed: int,
+    outside: Hypotheses,
+    near: Float | None,
+    *,
+    pairs: bool,
+) -> Candidates | None:
+    """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
+
+    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped.
+    """
+    found = [
+        _searched(search, options, hypotheses, share)
+        for hypotheses, share in _sources(search, options, seed, outside, pairs=pairs)
+        if len(hypotheses.parts)
+    ]
+    if not found:
+        return None
+    if near is not None:
+        passing = [f.take(search.passes(f, near)) for f in found]
+        found = [f for f in passing if len(f)] or found
+    refined = search.scored(search.refined(_chosen(search, options, found)))[0]
+    return Candidates.concatenate([refined, *_improved(search, options, repairing, found, seed)])
+
+
+def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
+    """Return the candidates that are worth refining to the end: the best of each region, of all, and by coverage."""
+    together = Candidates.concatenate(found)
+    rank = np.concatenate([np.arange(len(f)) for f in found])
+    firsts = np.flatnonzero(rank < options.kept_per_region)
+    best = np.argsort(-together.scores, kind="stable")[: options.kept]
+    most = np.argsort(-search.coverage(together), kind="stable")[: options.kept_by_coverage]
+    return together.take(np.unique(np.concatenate([firsts, best, most])))
+
+
+def _improved(
+    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, found: list[Candidates], seed: int
+) -> Iterator[Candidates]:
+    """Yield what one round of repair makes of the leaders of the regions that explain most.
+
+    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them.
+    """
+    firsts = Candidates.concatenate([f.take(slice(1)) for f in found])
+    leaders = search.refined(firsts)
+    for leader in np.argsort(-search.coverage(leaders), kind="stable")[: options.leaders]:
+        moves = repair_moves(search, leaders.take([leader]), repairing, seed, sweep=True, turn=False)
+        if moves is not None:
+            moved = search.sifted(moves, options.moves)
+            yield search.scored(search.refined(moved, iterations=10))[0]
+
+
+def _sources(
+    search: TreeSearch, options: SceneSearchOptions, seed: int, outside: Hypotheses, *, pairs: bool
+) -> Iterator[tuple[Hypotheses, float]]:
+    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole."""
+    yield outside, 1.0
+    if not pairs:
+        return
     observation = search.observation
     areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
-    share = np.sqrt(areas[: options.regions])
-    share /= share.sum()
-    found = []
-    for region, part in enumerate(share):
-        hypotheses = search.pair_hypotheses(seed, region, max(options.least_anchors, int(part * options.anchors)))
-        if len(hypotheses.parts) == 0:
-            continue
-        roots = search.promising(hypotheses, max(options.least_roots, int(part * options.roots)))
-        grown = search.grow(roots)
-        kept = search.sifted(grown, max(options.least_refined, int(part * options.refined)))
-        found.append(search.scored(search.refined(kept, iterations=options.iterations))[0].best_first())
-    firsts = Candidates.concatenate([f.take(slice(options.kept_per_region)) for f in found])
-    others = Candidates.concatenate([f.take(slice(options.kept_per_region, None)) for f in found]).best_first()
-    chosen = Candidates.concatenate([firsts, others.take(slice(max(0, options.kept - len(firsts))))])
-    return search.scored(search.refined(chosen))[0]
+    shares = np.sqrt(areas[: options.regions])
+    for region, share in enumerate(shares / shares.sum()):
+        anchors = max(options.least_anchors, int(share * options.anchors))
+        yield search.pair_hypotheses(seed, region, anchors), float(share)
+
+
+def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Candidates:
+    """Return configurations grown from a share of the budget and refined a little, best first."""
+    roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
+    kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
+    return search.scored(search.refined(kept, iterations=options.iterations))[0].best_first()
+
+
+def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:
+    """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
+    explained = float(search.coverage(candidate)[0]) * search.coverage_scale
+    return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained

@@ -311,10 +311,10 @@ class TreeSearch:
             distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
-    def through(self, candidates: Candidates, point: Float) -> Candidates:
-        """Return the candidates whose surface is near `point` (1, 3); all of them where none is."""
-        near = [self._distances(candidates.take([i]), point)[0] < self.options.near for i in range(len(candidates))]
-        return candidates.take(np.array(near)) if any(near) else candidates
+    def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
+        """Return which of the candidates (m,) have surface near `point` (1, 3)."""
+        distances = [self._distances(candidates.take([i]), point)[0] for i in range(len(candidates))]
+        return np.array(distances) < self.options.near
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
         """Return per scan point its distance (at most 0.06) from the nearest of `parts` of one candidate, and which."""
@@ -322,9 +322,9 @@ class TreeSearch:
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
-        counts = np.bincount(owners[owners >= 0], minlength=len(self.exists))
-        usual = np.maximum(self.areas * self._usual_share, 1e-9)
-        return np.asarray(counts * self.observation.area_per_point / usual, np.float32)
+        area = self.observation.areas if self.observation.scene else self.observation.area_per_point
+        own = np.bincount(owners[owners >= 0], (area * np.ones(len(owners)))[owners >= 0], len(self.exists))
+        return np.asarray(own / np.maximum(self.areas * self._usual_share, 1e-9), np.float32)
 
     def lacking(self, shares: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) explain too little of the scan, by their `explained_shares`.

@@ -24,6 +24,8 @@ class VoteOptions:
     """Parts that explain too little, largest lack first, that votes are cast for."""
     points: int = 200
     """Unexplained points that pairs are drawn about."""
+    scene_points: int = 200
+    """The same in a scene."""
     explained_weight: float = 0.3
     """Weight of all other points in the score of a placement."""
     placements: int = 5
@@ -36,6 +38,8 @@ class VoteOptions:
     """Solutions of each."""
     tolerance: float = 0.03
     """Distance (model diagonals) that the joints may leave."""
+    scene_reach: float = 0.35
+    """Only points of a scene this near (model diagonals) to explained ones may be of the model."""
     least_points: int = 25
     """Unexplained points that are worth a vote."""
 
@@ -54,12 +58,14 @@ def voted(
     lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
     wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
     unexplained = search.owners(solution, right if doubting else search.exists)[0] > search.reach
+    if search.observation.scene:
+        unexplained &= _about(search, ~unexplained, options.scene_reach)
     if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
     best = int(np.argmax(search.weights * share))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
     points = np.flatnonzero(unexplained)
-    anchors = min(options.points, len(points))
+    anchors = min(options.scene_points if search.observation.scene else options.points, len(points))
     found = search.part_hypotheses(np.array(wrong, np.int32), points, anchors, seed, options.placements, weights)
     tasks = [
         (row, anchor)
@@ -77,6 +83,17 @@ def voted(
         )
     )  # fmt: skip
     return reached if len(reached) else None
+
+
+def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+    """Return which points (m,) of a scene are searched and near to explained ones."""
+    from scipy.spatial import cKDTree
+
+    points = search.observation.points
+    if not explained.any():
+        return search.searched
+    distance = cKDTree(points[explained]).query(points, distance_upper_bound=reach)[0]
+    return np.asarray(search.searched & np.isfinite(distance))
 
 
 def _towards(parent: NDArray[np.int32], part: int, goal: int, right: NDArray[np.bool_], count: int) -> list[int]:

@@ -83,14 +83,18 @@ class SimulatedScan:
     def save(self, folder: Path | str) -> None:
         """Write `scan.ply`, `truth.json`, `labels.npz` and, with a guess, `guess.json` into `folder`.
 
-        Each file is written whole or not at all, `truth.json` last. It is a state file with two more entries,
-        `sensor_origin` ((3,) or null, as the scan tells) and `parts` (the names that the labels index).
-        `labels.npz` holds `part` (n,), `view` (n,) and `view_origins` (v, 3). Raises `ExportError`.
+        Each file is written whole or not at all, `truth.json` last. It is a state file with three more entries,
+        `sensor_origin` ((3,) or null, as the scan tells), `parts` (the names that the labels index) and `copies`
+        (the states of other copies of the model). `labels.npz` holds `part` (n,), `view` (n,), `view_origins` (v, 3)
+        and `copies` (c, n), the labels of the other copies. Raises `ExportError`.
         """
         folder = Path(folder)
         write_ply(folder / "scan.ply", self.scan.points.astype(np.float32))
         with files.atomic_write(folder / "labels.npz") as temporary:
-            np.savez_compressed(temporary, part=self.labels, view=self.view, view_origins=self.view_origins)
+            copies = np.array([copy.labels for copy in self.copies], np.int64).reshape(-1, len(self.labels))
+            np.savez_compressed(
+                temporary, part=self.labels, view=self.view, view_origins=self.view_origins, copies=copies
+            )
         if self.guess is not None:
             self.guess.save(folder / "guess.json")
         origin = self.scan.sensor_origin
@@ -98,6 +102,7 @@ class SimulatedScan:
             **self.state.to_dict(),
             "sensor_origin": origin.tolist() if origin is not None and origin.ndim == 1 else None,
             "parts": list(self.part_names),
+            "copies": [copy.state.to_dict() for copy in self.copies],
         }
         files.write_text(folder / "truth.json", json.dumps(truth, indent=2) + "\n")
 

@@ -107,6 +107,21 @@ def test_crop_leaves_out_what_is_outside_the_box(
     _assert_right(answer, truth)
 
 
+def test_only_the_region_is_searched_in_the_unit_of_the_scan(
+    arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
+) -> None:
+    points = Scan.load(scan).points
+    away = np.array([3.0, 0.0, 0.0])
+    np.save(tmp_path / "twice.npy", 1e3 * np.concatenate([points, points + away]))
+    low, high = 1e3 * (points.min(axis=0) + away - 0.01), 1e3 * (points.max(axis=0) + away + 0.01)
+    answer = _answer(
+        pwralign("estimate", arm, tmp_path / "twice.npy", "--json", "--units", "mm", "--region", *low, *high)
+    )
+    moved = truth.T_scan_base.copy()
+    moved[:3, 3] += away
+    _assert_right(answer, State(moved, truth.joints))
+
+
 def test_low_confidence_has_its_own_exit_code(arm: Path, tmp_path: Path, pwralign: Call) -> None:
     np.save(tmp_path / "noise.npy", np.random.default_rng(3).uniform(-0.6, 0.6, (2000, 3)))
     outcome = pwralign("estimate", arm, tmp_path / "noise.npy", "--json")

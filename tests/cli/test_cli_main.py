@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import get_args, get_type_hints
 
+import numpy as np
 import pytest
 from command_line import Call
 
@@ -42,6 +43,8 @@ from pwralign_kin.simulation import TIERS
         (["estimate", "a", "b", "--threads", "-2"], "--threads"),
         (["simulate", "a"], "--out"),
         (["simulate", "a", "--out", "b", "--tier", "best"], "--tier"),
+        (["simulate", "a", "--out", "b", "--contacts", "1"], "--scene"),
+        (["simulate", "a", "--out", "b", "--scene", "--views", "2"], "--scene"),
     ],
     ids=" ".join,
 )
@@ -126,8 +129,6 @@ def test_inspect_shows_parts_and_joints(arm: Path, pwralign: Call) -> None:
 def test_inspect_guesses_the_unit_of_a_scan(
     scale: float, arm: Path, scan: Path, tmp_path: Path, pwralign: Call
 ) -> None:
-    import numpy as np
-
     from pwralign_kin.scan import Scan
 
     np.save(tmp_path / "x.npy", scale * Scan.load(scan).points)
@@ -153,8 +154,24 @@ def test_simulate_poses_the_model_as_asked(arm: Path, tmp_path: Path, pwralign: 
     assert " points on 2 of 3 parts of arm" in outcome.out
 
 
+def test_simulate_puts_the_model_in_a_room(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    outcome = pwralign(
+        "simulate", arm, "--out", tmp_path, "--scene", "--second-copy", "--occluders", 1, "--furniture", 1,
+        "--no-table", "--joint", "elbow=-0.5", "--seed", 3,
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["joints"]["elbow"] == -0.5 and truth["sensor_origin"] == [0.0, 0.0, 0.0]
+    labels = np.load(tmp_path / "labels.npz")
+    own = int((labels["part"] >= 0).sum())
+    assert f"{len(labels['part'])} points, {own} of them on 3 of 3 parts of arm" in outcome.out
+    assert len(truth["copies"]) == len(labels["copies"]) == 1
+    assert labels["copies"].shape == (1, len(labels["part"])) and (labels["copies"] >= 0).any()
+
+
 def test_simulate_offers_every_tier() -> None:
-    assert set(get_args(get_type_hints(simulate)["tier"])) == set(TIERS)
+    tiers, none = get_args(get_type_hints(simulate, include_extras=False)["tier"])
+    assert set(get_args(tiers)) == set(TIERS) and none is type(None)
 
 
 def test_doctor_on_a_sound_machine(pwralign: Call) -> None:

@@ -10,9 +10,12 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import Ruler
+from pwralign_kin.estimation import Correspondences
+from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.se3 import transform
 from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
@@ -34,6 +37,10 @@ def observed(model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, n
     return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), 2)
 
 
+def searched_points(ready: Observation) -> np.ndarray:
+    return ready.points[ready.regions >= 0].astype(float) * ready.diagonal + ready.centre
+
+
 def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     reach = model_reach(excavator.kernel_model, excavator.surfaces) * excavator.diagonal
     alone = pk.Scan(scene.scan.points[scene.labels >= 0], sensor_origin=np.zeros(3))
@@ -49,7 +56,7 @@ def test_walls_and_floors_are_surroundings_and_the_model_is_searched(
 
     ready = observed(excavator, scene.scan)
 
-    searched = ready.points[ready.regions >= 0] * ready.diagonal + ready.centre
+    searched = searched_points(ready)
     own = scene.scan.points[scene.labels >= 0]
     assert (cKDTree(searched).query(own)[0] < 0.03 * ready.diagonal).mean() > 0.9
     assert len(searched) < 0.5 * len(scene.scan.points)
@@ -60,7 +67,7 @@ def test_only_the_box_is_searched(excavator: pk.ArticulatedModel, scene: Simulat
     low, high = (getattr(scene.scan.points[scene.labels >= 0], side)(axis=0) for side in ("min", "max"))
     ready = observed(excavator, scene.scan, (low, high))
 
-    searched = ready.points[ready.regions >= 0] * ready.diagonal + ready.centre
+    searched = searched_points(ready)
     margin = 0.02 * ready.diagonal
     assert ((searched > low - margin) & (searched < high + margin)).all()
     with pytest.raises(ScanError, match="what is to be searched"):
@@ -75,6 +82,36 @@ def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedMo
     own, named = scene.labels >= 0, estimate.scan_labels >= 0
     assert (own & named).sum() > 0.95 * own.sum()
     assert (own & named).sum() > 0.8 * named.sum()
+
+
+def test_correspondences_alone_find_the_model(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    rng = np.random.default_rng(0)
+    zero = excavator.part_placements(np.zeros(len(excavator.joint_names)))
+    posed = scene.state.T_scan_base @ excavator.part_placements(excavator.values(scene.state.joints))
+    local = [surface.samples * excavator.diagonal for surface in excavator.surfaces]
+    source, target = (np.concatenate([transform(T, x) for T, x in zip(at, local, strict=True)]) for at in (zero, posed))
+    wrong = rng.random(len(target)) < 0.4
+    target[wrong] = rng.permutation(scene.scan.points)[: wrong.sum()]
+    alone = pk.EstimatorOptions(sources=())
+
+    estimate = pk.estimate(excavator, scene.scan, None, Correspondences(source, target, np.ones(len(source))), alone)
+
+    ruler = Ruler(excavator)
+    assert ruler.score(ruler.reference(scene.state, scene.labels[scene.labels >= 0]), estimate.state).overlay
+    with pytest.raises(CorrespondenceError):
+        pk.estimate(excavator, scene.scan, None, Correspondences(source, target + 99.0, np.ones(len(source))))
+
+
+def test_no_source_of_hypotheses_is_told(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    with pytest.raises(CorrespondenceError, match="no part could be placed"):
+        pk.estimate(excavator, scene.scan, options=pk.EstimatorOptions(sources=()))
+
+
+@pytest.mark.slow
+def test_features_are_matched_to_what_is_searched(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    ready = observed(excavator, scene.scan)
+    pairs = FpfhMatcher(samples=100).match(excavator, ready, [0, 1])
+    assert set(map(tuple, ready.scaled(pairs.target))) <= set(map(tuple, ready.scaled(searched_points(ready))))
 
 
 @pytest.mark.slow
