@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
@@ -365,7 +366,8 @@ class Estimator:
         model, observation = self.model, search.observation
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
         seen = _seen_shares(search.scored(final)[1][0], observation)
-        coverage = float(search.coverage(final)[0])
+        with watch.stage("confidence"):
+            evidence = gathered(search, final, finished)
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
         labels, distances = self._labels(scan, search, observation.to_search(T_scan_parts))
@@ -378,10 +380,8 @@ class Estimator:
         return Estimate(
             state=state,
             cost=-float(finished.scores[0]),
-            # In a scene the model cannot explain more than it usually shows.
-            confidence=self._confidence(
-                min(1.0, coverage * search.coverage_scale) if observation.scene else coverage, seen, search, finished
-            ),
+            confidence=confidence(evidence),
+            evidence=evidence,
             inlier_rmse=_rms(distances[explained]),
             scan_coverage=float(explained.mean()),
             model_support=float(seen @ seen_weight),
@@ -430,15 +430,6 @@ class Estimator:
             search.reach,
         )
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
-
-    @staticmethod
-    def _confidence(coverage: float, seen: NDArray[np.float32], search: TreeSearch, finished: Candidates) -> float:
-        """Return how far the evidence speaks for the answer: explained scan, supported model, margin to the next."""
-        supported = float(seen @ search.weights)
-        rivals = finished.scores[0] - finished.scores[1:]
-        margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
-        logit = 10 * (coverage - 0.6) + 6 * (supported - 0.6) + min(4.0, 10 * margin) - 1
-        return float(1 / (1 + np.exp(-logit)))
 
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
