@@ -144,8 +144,9 @@ def honest_doubt(settings: Settings, progress: Progress) -> Result:
 def confidence_fit(settings: Settings, progress: Progress) -> Result:
     """The coefficients of the confidence, from answers of the estimator as it comes and of a hasty search."""
     robots = settings.robots or FIT_ROBOTS
-    outcomes = _evaluate(settings, robots, (*TIERS, *HARSH), {"default": DEFAULT}, progress)
-    outcomes += _evaluate(settings, robots, TIERS, {"hasty": HASTY}, progress)
+    outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
+    outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
+    outcomes += _evaluate(settings, robots, [tier for tier in TIERS if tier != "warm"], {"hasty": HASTY}, progress, 1)
     given = [own for own in outcomes if own.evidence]
     by_method = dict(summaries.grouped(given, lambda own: own.method))
     text = "\n".join([calibration.coefficients_table(given), calibration.confidence_table({**by_method, "all": given})])

@@ -26,7 +26,7 @@ PROBES = 40
 
 COEFFICIENTS = (-2.16, -1.20, -0.65, -1.67, 0.87)
 """Of 1 and the four features: `pwralign_kin.benchmark.calibration.fitted` to the 252 answers (50 of them wrong) of
-`python scripts/benchmark.py --table confidence --configurations 1` to scans of twelve robots."""
+`python scripts/benchmark.py --table confidence` to scans of twelve robots."""
 
 
 @dataclass(frozen=True)
