@@ -12,9 +12,15 @@ import numpy as np
 from pwralign_kin.benchmark.evidence import JointDoubt
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
+from pwralign_kin.estimation import confidence
 from pwralign_kin.se3 import Array
 
 Groups = Mapping[str, Sequence[Outcome]]
+
+HASTY_WEIGHT = 0.5
+"""How much an answer of the hasty search counts in the fit, against one of the search as it comes."""
+RIDGE = 1.0
+"""Inverse variance of the coefficients before any answer is looked at."""
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 SURE = 0.9
@@ -102,6 +108,35 @@ def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
     values, verdicts = np.asarray(confidences, float), np.asarray(right, bool)
     above = np.sign(values[verdicts][:, None] - values[~verdicts][None])
     return float(0.5 + 0.5 * above.mean()) if above.size else float("nan")
+
+
+def fitted(outcomes: Sequence[Outcome]) -> Array:
+    """Return intercept and coefficients (5,) of the confidence by logistic regression (Newton's method, with ridge)."""
+    X = np.array([[1.0, *confidence.features(_evidence(own))] for own in outcomes])
+    right = np.array([own.score.overlay for own in outcomes], float)
+    weights = np.where([own.method == "default" for own in outcomes], 1.0, HASTY_WEIGHT)
+    ridge = RIDGE * np.diag([0.0, *np.ones(X.shape[1] - 1)])
+    coefficients = np.zeros(X.shape[1])
+    for _ in range(50):
+        chance = 1.0 / (1.0 + np.exp(-X @ coefficients))
+        H = (X * (weights * chance * (1.0 - chance))[:, None]).T @ X + ridge + 1e-9 * np.eye(len(ridge))
+        step = np.linalg.solve(H, X.T @ (weights * (right - chance)) - ridge @ coefficients)
+        coefficients += np.clip(step, -2.0, 2.0)
+    return coefficients
+
+
+def coefficients_table(outcomes: Sequence[Outcome]) -> str:
+    """Return the coefficients fitted to the outcomes beside those in use."""
+    names = ("intercept", "nearby", "lacking", "uneven", "margin")
+    rows = [
+        [name, f"{own:.2f}", f"{used:.2f}"]
+        for name, own, used in zip(names, fitted(outcomes), confidence.COEFFICIENTS, strict=True)
+    ]
+    return markdown(["coefficient of", " fitted", " in use"], rows)
+
+
+def _evidence(outcome: Outcome) -> confidence.Evidence:
+    return confidence.Evidence(**{name: outcome.evidence[name] for name in confidence.Evidence.__dataclass_fields__})
 
 
 def reliability_diagram(groups: Groups) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class JointDoubt:
 def evidence(estimate: Estimate, scan: Scan, ruler: Ruler) -> dict[str, float]:
     """Return figures of an estimate that need no truth; lengths in model diagonals.
 
-    A margin is the cost of an alternative beyond that of the answer.
+    Other margins than that of the evidence are the cost of an alternative beyond that of the answer.
     """
     model = ruler.model
     solid = [estimate.parts[part.name] for part in model.parts if len(part.faces)]
@@ -53,11 +53,12 @@ def evidence(estimate: Estimate, scan: Scan, ruler: Ruler) -> dict[str, float]:
     margins = [other.cost - estimate.cost for other in estimate.alternatives]
     unequal = [m for m, other in zip(margins, estimate.alternatives, strict=True) if not other.equal]
     return {
+        **asdict(estimate.evidence),
         "scan_coverage": estimate.scan_coverage,
         "model_support": estimate.model_support,
         "inlier_rmse": estimate.inlier_rmse / model.diagonal,
         "cost": estimate.cost,
-        "margin": min(unequal, default=1.0),
+        "unequal_margin": min(unequal, default=1.0),
         "least_margin": min(margins, default=1.0),
         "alternatives": float(len(margins)),
         "equal_alternatives": float(len(margins) - len(unequal)),

@@ -49,6 +49,15 @@ class Answer:
 
 DEFAULT = Method("as it comes")
 
+HASTY = Method(
+    "few hypotheses, narrow beams, no repair",
+    EstimatorOptions(
+        repair=RepairOptions(rounds=0),
+        search=SearchOptions(root_parts=3, hypotheses_per_part=4, roots=6, refined=4, beam=3, modes=2),
+    ),
+)
+"""Wrong often, and in the way that searches are wrong: what confidence can learn from."""
+
 ABLATIONS: Mapping[str, Method] = MappingProxyType(
     {
         "default": DEFAULT,

@@ -21,7 +21,7 @@ from pwralign_kin.benchmark.cases import (
     sample_names,
     simulated_case,
 )
-from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, Method, with_outside_pairs
+from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, HASTY, Method, with_outside_pairs
 from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate, tier_cases
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
@@ -31,6 +31,12 @@ ABLATION_ROBOTS = ("panda", "ur5", "z1", "allegro", "solo12", "tiago", "go2", "p
 
 ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
 """Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""
+
+FIT_ROBOTS = (
+    "panda", "ur5", "z1", "allegro", "solo12", "go2", "pendulum", "quadruped", "kinova", "finger_edu", "cubebot",
+    "excavator",
+)  # fmt: skip
+"""What the confidence is fitted to: arms, hands, legs, boxes; none of the robots drawn by lot."""
 
 CORRESPONDENCE_TIERS = ("full", "single")
 OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))
@@ -142,6 +148,18 @@ def honest_doubt(settings: Settings, progress: Progress) -> Result:
     )
 
 
+def confidence_fit(settings: Settings, progress: Progress) -> Result:
+    """The coefficients of the confidence, from answers of the estimator as it comes and of a hasty search."""
+    robots = settings.robots or FIT_ROBOTS
+    outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
+    outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
+    outcomes += _evaluate(settings, robots, [tier for tier in TIERS if tier != "warm"], {"hasty": HASTY}, progress, 1)
+    given = [own for own in outcomes if own.evidence]
+    by_method = dict(summaries.grouped(given, lambda own: own.method))
+    text = "\n".join([calibration.coefficients_table(given), calibration.confidence_table({**by_method, "all": given})])
+    return Result(text, outcomes)
+
+
 def figure_models(settings: Settings, progress: Progress) -> Result:
     """Cubebot and lander in every tier, with the default options."""
     outcomes = _evaluate(settings, FIGURES, TIERS, {"default": DEFAULT}, progress, FIGURE_CONFIGURATIONS)
@@ -199,6 +217,7 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
         "figures": figure_models,
         "scenes": unsegmented_scenes,
         "calibration": honest_doubt,
+        "confidence": confidence_fit,
         "curves": degradation,
         "ablation": ablation,
         "correspondences": correspondences,

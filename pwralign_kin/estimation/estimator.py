@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
@@ -22,7 +23,7 @@ from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
 from pwralign_kin.estimation.scene_search import is_convincing, search_regions
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.estimation.uncertainty import Doubt, doubt
+from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
 from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
@@ -41,8 +42,6 @@ NO_COST = 0.004
 """Score that an undetermined joint may cost when it is set to its prior, ..."""
 NO_POINTS = 3.0
 """... and scan points that it may leave unexplained."""
-LEAST_NOISE = 1e-3
-"""Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
 EQUAL = 0.01
@@ -77,6 +76,16 @@ class Fit:
     prior: Array
     """(k,) values in search units that joints keep where the scan does not tell."""
     watch: Stopwatch
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What the scan does not tell, in search units."""
+
+    undetermined: NDArray[np.bool_]
+    """(k,) joints."""
+    covariance: Array
+    """(6 + k, 6 + k) of base twist and joints; zero rows where undetermined."""
 
 
 class Estimator:
@@ -329,20 +338,18 @@ class Estimator:
         self, search: TreeSearch, solver: JointLeastSquares, solution: Solution, prior: Array
     ) -> tuple[Solution, Doubt]:
         """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
-        noise = max(search.observation.noise, LEAST_NOISE)
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
-        systematic = float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0)))
+        errors = observed_errors(search, final)
         # Points of its neighbours touch a part that the scan lacks.
         absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
-        judged = doubt(solution.problem, absent, self.slide, solver.locked, noise, systematic)
-        if not judged.undetermined.any():
-            return solution, judged
-        base, values = solution.base, solution.values.copy()
-        for joint in np.flatnonzero(judged.undetermined):
-            base, values = self._at_prior(search, base, values, int(joint), prior)
-        settled = solver.with_locked(judged.undetermined, values).run(base, values)
-        again = doubt(settled.problem, absent, self.slide, solver.locked | judged.undetermined, noise, systematic)
-        return settled, Doubt(judged.undetermined, judged.displacement, again.covariance)
+        undetermined = undetermined_joints(solution.problem, absent, self.slide, solver.locked, errors)
+        if undetermined.any():
+            base, values = solution.base, solution.values.copy()
+            for joint in np.flatnonzero(undetermined):
+                base, values = self._at_prior(search, base, values, int(joint), prior)
+            solution = solver.with_locked(undetermined, values).run(base, values)
+        H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
+        return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
 
     def _at_prior(
         self, search: TreeSearch, base: Array, values: Array, joint: int, prior: Array
@@ -375,7 +382,8 @@ class Estimator:
         model, observation = self.model, search.observation
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
         seen = _seen_shares(search.scored(final)[1][0], observation)
-        coverage = float(search.coverage(final)[0])
+        with watch.stage("confidence"):
+            evidence = gathered(search, final, finished)
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
         labels, distances = self._labels(scan, search, observation.to_search(T_scan_parts))
@@ -388,10 +396,8 @@ class Estimator:
         return Estimate(
             state=state,
             cost=-float(finished.scores[0]),
-            # In a scene the model cannot explain more than it usually shows.
-            confidence=self._confidence(
-                min(1.0, coverage * search.coverage_scale) if observation.scene else coverage, seen, search, finished
-            ),
+            confidence=confidence(evidence),
+            evidence=evidence,
             inlier_rmse=_rms(distances[explained]),
             scan_coverage=float(explained.mean()),
             model_support=float(seen @ seen_weight),
@@ -440,15 +446,6 @@ class Estimator:
             search.reach,
         )
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
-
-    @staticmethod
-    def _confidence(coverage: float, seen: NDArray[np.float32], search: TreeSearch, finished: Candidates) -> float:
-        """Return how far the evidence speaks for the answer: explained scan, supported model, margin to the next."""
-        supported = float(seen @ search.weights)
-        rivals = finished.scores[0] - finished.scores[1:]
-        margin = min((float(r) for r in rivals if r >= EQUAL), default=1.0)
-        logit = 10 * (coverage - 0.6) + 6 * (supported - 0.6) + min(4.0, 10 * margin) - 1
-        return float(1 / (1 + np.exp(-logit)))
 
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.confidence import Evidence
 from pwralign_kin.se3 import Array, quaternion_xyzw
 from pwralign_kin.state import State
 
@@ -53,7 +54,10 @@ class Estimate:
     """Cost of the best answer, on the scale of `alternatives`."""
 
     confidence: float
-    """In [0, 1]: how far the evidence speaks for this answer."""
+    """In [0, 1]: the chance that the answer overlays the scan, from simulated scans with such evidence."""
+
+    evidence: Evidence
+    """What the confidence is computed from."""
 
     inlier_rmse: float
     """Root mean square distance of the explained scan points to the model, m."""
@@ -108,6 +112,7 @@ class Estimate:
             **self.state.to_dict(),
             "units": dict(self.units),
             "confidence": self.confidence,
+            "evidence": asdict(self.evidence),
             "cost": self.cost,
             "inlier_rmse": number(self.inlier_rmse),
             "scan_coverage": self.scan_coverage,

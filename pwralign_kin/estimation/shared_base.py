@@ -23,6 +23,7 @@ from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.result import Estimate
+from pwralign_kin.estimation.uncertainty import inverse_covariance, observed_errors
 from pwralign_kin.exceptions import StateError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
@@ -37,9 +38,6 @@ TRIED = 6
 """Most bases that are tried on all scans, ..."""
 SEARCHED_AGAIN = 2
 """... and most for which the scans that contradict them are searched again."""
-SOFTNESS = 3.2
-"""How much softer the robust cost is than its normal matrix says, which holds the weights fixed: E[w] / E[(w r)'] of
-the Geman-McClure kernel for normal residuals r of its own scale, by numerical integration 0.500 / 0.156."""
 WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 """Robust scales (model diagonals) that scans follow another scan's base with."""
 
@@ -54,7 +52,7 @@ class SharedBaseEstimate:
     """The root link."""
     base_covariance: Array
     """(6, 6) covariance of the base twist (rotation, translation; rad and m, scan frame axes, about the base's
-    origin), from how much the parts of all scans disagree about it."""
+    origin); joints that are not locked are free to follow the base."""
     estimates: tuple[Estimate, ...]
     """One estimate a scan, in the order given; all have the same base."""
     outvoted: tuple[int, ...]
@@ -340,7 +338,7 @@ class SharedLeastSquares:
             Solution(o.to_search(base), v, problem, converged, iterations)
             for o, v, problem in zip(observations, values, problems, strict=True)
         )
-        return SharedSolution(solutions, self.base_covariance(problems), converged, iterations)
+        return SharedSolution(solutions, self.base_covariance(bases, values, problems), converged, iterations)
 
     def solve(self, problems: Sequence[Problem], values: Sequence[Array]) -> Array:
         """Return the bounded step over all unknowns."""
@@ -351,25 +349,22 @@ class SharedLeastSquares:
         high = np.concatenate([bounds[0][1][:6], *(high[6:] for _, high in bounds)])
         return bounded_step(scale * H, scale * g, low, high, self.solvers[0].options.damping)
 
-    def base_covariance(self, problems: Sequence[Problem]) -> Array:
-        """Return the base's covariance (6, 6) by the sandwich estimator (Huber, 1967; clustered).
+    def base_covariance(self, bases: Sequence[Array], values: Sequence[Array], problems: Sequence[Problem]) -> Array:
+        """Return the base's covariance (6, 6) when all joints are free to follow it.
 
-        The points of one part in one scan share the errors of sensor and mesh, and the parts of a body are few. How
-        far their gradients are from cancelling each in itself tells the doubt that counting points would hide.
+        The doubt of each scan's joints leaves its inverse covariance as a Schur complement.
         """
-        H, _ = self.assembled(problems)
-        scores = []
-        for i, (problem, share) in enumerate(zip(problems, self.shares, strict=True)):
-            for part in np.flatnonzero(problem.counts > 0):
-                score = np.zeros(len(H))
-                score[self.columns(i)] = share * problem.evidence * problem.J[part].T @ problem.gradients[part]
-                scores.append(score)
-        free = np.concatenate([np.ones(6, bool), *(~solver.locked for solver in self.solvers)])
-        bread = np.linalg.inv(H[np.ix_(free, free)] + 1e-6 * np.diag(np.diag(H)[free]) + 1e-9 * np.eye(free.sum()))
-        filling = np.array(scores)[:, free]
-        count = len(filling)
-        meat = filling.T @ filling * count / max(count - 1, 1)
-        return np.asarray(SOFTNESS**2 * (bread @ meat @ bread)[:6, :6])
+        total = np.zeros((6, 6))
+        for i, (solver, base, value, problem) in enumerate(zip(self.solvers, bases, values, problems, strict=True)):
+            final = Candidates(base[None], value[None], np.zeros(1, np.float32))
+            absent = ~solver.search.exists
+            errors = observed_errors(solver.search, final)
+            H = inverse_covariance(problem, absent, errors, solver.upper - solver.lower)
+            if i > 0:
+                H[:6, :6] -= problem.prior.H[:6, :6]  # known once
+            free = 6 + np.flatnonzero(~solver.locked)
+            total += H[:6, :6] - H[:6, free] @ np.linalg.solve(H[np.ix_(free, free)], H[free, :6])
+        return np.asarray(np.linalg.inv(total))
 
 
 def _mean(placements: Sequence[Array]) -> Array:
