@@ -14,7 +14,7 @@ constexpr int judged_samples = 64;            // per part
 constexpr float explained_distance = .02f;    // a point nearer to the model is explained
 constexpr size_t coarse_stride = 4;           // every so many points in the first iterations
 constexpr double settled = 1e-3;              // rad or diagonals: a smaller change ends the iterations
-constexpr double independent_points = 1000;   // neighbouring points share the sensor's error
+constexpr double independent_share = .5;      // of the points
 
 // Rotation vector of B A^T.
 void rotation_between(const double *A, const double *B, double *w) {
@@ -50,7 +50,7 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
     : model(model), most_points(points), cell(cell), T(model.parts), F(model.parts), normal(model.parts), twists(6 * model.parts), ranges(range_pixels * range_pixels),
       thinned(candidates_per_point * points), near(points) {
     const size_t size = 6 + model.joints;
-    kept.reserve(candidates_per_point * points);
+    kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
     candidates.reserve(most_examined), likely.reserve(points);
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
@@ -190,11 +190,11 @@ template void Tracking::look(const double *, int64_t);
 template void Tracking::look(const float *, const PinholeView &);
 template void Tracking::look(const uint16_t *, const PinholeView &);
 
-// Thin the points around the model evenly over the surfaces: the first of each cell, then every so many.
+// Thin the points around the model evenly over the surfaces: the mean of each cell, then every so many.
 void Tracking::settle() {
     const int most = candidates_per_point * most_points;
     const int stride = (int(candidates.size()) + most - 1) / most;
-    thinned.clear(cell);
+    thinned.clear(cell), sums.clear();
     for (size_t i = 0; i < candidates.size(); i += stride) {
         const Vec p = candidates[i];
         const bool close = std::any_of(bounds.begin(), bounds.end(), [&](const Bounds &b) {
@@ -202,11 +202,17 @@ void Tracking::settle() {
             const float r = b.radius + margin;
             return dot(d, d) <= r * r;
         });
+        if (!close) continue;
         size_t slot;
-        if (!close || thinned.head(p, slot) >= 0) continue;
-        thinned.put(slot, p, int(kept.size()));
-        kept.push_back(p);
+        const int at = thinned.head(p, slot);
+        if (at >= 0) {
+            sums[at].p = sums[at].p + p, sums[at].count += 1;
+            continue;
+        }
+        thinned.put(slot, p, int(sums.size()));
+        sums.push_back({p, 1});
     }
+    for (const Sum &sum : sums) kept.push_back((1 / sum.count) * sum.p);
     if (int(kept.size()) > most_points) {
         for (int i = 0; i < most_points; ++i) kept[i] = kept[size_t(i) * kept.size() / most_points];
         kept.resize(most_points);
@@ -264,6 +270,9 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
+    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one. The
+    // robust scale is about twice the noise, and neighbouring points share the sensor's error.
+    const double belief = .25 * sigma_last * sigma_last / (independent_share * std::max<size_t>(kept.size(), 1));
     for (int iteration = 0; iteration < iterations; ++iteration) {
         if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
         // Coarse to fine: few points settle the large motion, all of them the rest.
@@ -303,7 +312,6 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             step[i] += normal[0].g[i];
             for (int j = 0; j < 6; ++j) H[i * size + j] += normal[0].H[6 * i + j];
         }
-        const double belief = double(sigma) * sigma / independent_points;
         double off[6];
         rotation_between(base.R, predicted.R, off);
         for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];

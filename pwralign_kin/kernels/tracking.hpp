@@ -120,7 +120,12 @@ class Tracking {
     Vec sensor{0, 0, 0}, low{0, 0, 0}, high{0, 0, 0};
     float view_axes[9] = {}, half_width = 1;
     std::vector<float> ranges; // nearest measured distance per pixel of a coarse image from the sensor
+    struct Sum {
+        Vec p;
+        float count;
+    };
     std::vector<Vec> candidates;
+    std::vector<Sum> sums; // of the candidates of each cell
     std::vector<int> likely; // where in `bounds` the last iteration found the nearest part of each point
     HashedCells thinned, near;
 };

@@ -14,7 +14,7 @@ GAIN = 0.5
 MEMORY = 0.15
 """Time constant (s) in which an unseen motion comes to rest."""
 
-JOINT_SURPRISE, TURN_SURPRISE, SHIFT_SURPRISE = 1.0, 0.6, 0.5
+JOINT_SURPRISE, TURN_SURPRISE, SHIFT_SURPRISE = 1.5, 0.5, 0.4
 """Standard deviations of unexpected speeds: rad/s (or diagonals/s) of joints, rad/s and diagonals/s of the base."""
 
 LONGEST = 0.5
