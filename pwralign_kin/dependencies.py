@@ -37,6 +37,14 @@ def pinocchio() -> Any:
     return _loaded("pinocchio")
 
 
+def rosbags() -> tuple[Any, Any]:
+    """Return the modules `rosbags.highlevel` and `rosbags.typesys`; raises `DependencyError` where they are missing."""
+    try:
+        return import_module("rosbags.highlevel"), import_module("rosbags.typesys")
+    except ImportError:
+        raise DependencyError("ROS bags need the library rosbags", 'pip install "pwralign-kin[ros]"') from None
+
+
 def missing_system_libraries() -> tuple[str, ...]:
     """Return the Debian packages of the system libraries that do not load; only Linux needs any."""
     if sys.platform != "linux":

@@ -1,4 +1,4 @@
-"""A depth image as a sensor gives it, kept as it is: for streams, where making a whole `Scan` of each costs too much."""
+"""A depth image as a sensor gives it: for streams, where making a whole `Scan` of each costs too much."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import readers
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.scan import Scan, Units
+from pwralign_kin.scan.scan import Scan, checked_intrinsics
 from pwralign_kin.se3 import Array
 
 TimedFrame = tuple[float, Scan | DepthFrame]
@@ -30,10 +30,8 @@ class FrameOptions:
 
     rate: float = 30.0
     """Frames per second of files whose names and contents tell no times."""
-    units: Units = "m"
-    """Unit of scan files."""
     sensor_origin: ArrayLike | None = None
-    """(3,) where scan files were seen from, in their unit."""
+    """(3,) where point clouds were seen from, in their unit."""
     intrinsics: ArrayLike | None = None
     """(3, 3), or (fx, fy, cx, cy), pixels, of depth images."""
     depth_scale: float = 0.001
@@ -50,12 +48,12 @@ class FrameOptions:
 
 
 def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None) -> Iterator[TimedFrame]:
-    """Yield the frames of files with their times (s), reading one at a time.
+    """Yield the frames of files with their times (s), one at a time; point clouds in the unit of their file.
 
-    `paths` are scan files (see `Scan.load`) and depth images (16-bit PNG, `intrinsics` needed), or one folder of them in
-    natural order of their names, or one recorded sequence, or one ROS 2 bag (a folder or a .mcap or .db3 file; needs the
-    ros extra). Files whose names are all times in seconds with a decimal point (1305031102.175304.png) have these times;
-    others follow each other at `rate`.
+    `paths` are scan files (see `Scan.load`) and depth images (16-bit PNG, `intrinsics` needed), or one folder of them
+    in natural order of their names, or one recorded sequence, or one ROS 2 bag (a folder, or a .mcap or .db3 file;
+    needs the ros extra). Files whose names are all times in seconds with a decimal point (1305031102.175304.png) have
+    these times; others follow each other at `rate`.
 
     A sequence is an .npz with `time` (f,) (else the rate) and either
 
@@ -109,7 +107,7 @@ def _files(paths: Sequence[Path], options: FrameOptions) -> Iterator[TimedFrame]
         if path.suffix.lower() == ".png":
             yield time, _depth_image(path, options)
         else:
-            yield time, Scan.load(path, sensor_origin=options.sensor_origin, units=options.units)
+            yield time, Scan.load(path, sensor_origin=options.sensor_origin)
 
 
 def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
@@ -127,7 +125,8 @@ def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
         raise ScanError(path, f"not a readable PNG image: {error}") from None
     if not mode.startswith("I"):
         raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
-    return DepthFrame(depth.astype(np.uint16), options.intrinsics, options.T_scan_camera, options.depth_scale, path)
+    intrinsics = checked_intrinsics(options.intrinsics, str(path))
+    return DepthFrame(depth.astype(np.uint16), intrinsics, options.T_scan_camera, options.depth_scale, path)
 
 
 def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[TimedFrame]:
@@ -147,6 +146,7 @@ def _depths(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) 
         raise ScanError(path, f"depth must have the shape (f, h, w), got {depth.shape}")
     if intrinsics is None:
         raise ScanError(path, "no array named intrinsics: fx fy cx cy or a 3x3 camera matrix, pixels")
+    intrinsics = checked_intrinsics(intrinsics, str(path))
     integers = depth.dtype.kind in "iu"
     scale = float(arrays.get("depth_scale", options.depth_scale if integers else 1.0))
     T_scan_camera = arrays.get("T_scan_camera", options.T_scan_camera)
@@ -164,5 +164,4 @@ def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) 
     ends = np.cumsum(counts)
     for index, end in enumerate(ends):
         own = origin[index] if isinstance(origin, np.ndarray) and origin.ndim == 2 else origin
-        scan = Scan(points[end - counts[index] : end], sensor_origin=own, source=f"{path}: frame {index}")
-        yield scan.scaled(1e-3) if options.units == "mm" else scan
+        yield Scan(points[end - counts[index] : end], sensor_origin=own, source=f"{path}: frame {index}")

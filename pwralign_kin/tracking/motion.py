@@ -58,7 +58,9 @@ class Motion:
     def inverse_deviations(self) -> Array:
         """Return (6 + k,) one over the standard deviations of this prediction; rad and model diagonals."""
         ahead = float(np.clip(self.time - self.seen, 1e-3, LONGEST))
-        surprises = np.r_[np.full(3, TURN_SURPRISE), np.full(3, SHIFT_SURPRISE), np.full(len(self.values), JOINT_SURPRISE)]
+        surprises = np.r_[
+            np.full(3, TURN_SURPRISE), np.full(3, SHIFT_SURPRISE), np.full(len(self.values), JOINT_SURPRISE)
+        ]
         return np.asarray(1.0 / (ahead * surprises))
 
     def corrected(self, T: Array, values: Array, told: Array, turns: Array, since: Motion) -> Motion:

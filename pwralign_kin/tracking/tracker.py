@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time as clock
-
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -37,11 +36,14 @@ is not seen; a lost model is found above the third."""
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
 
+LEAST_VISIBLE = 0.2
+"""Share of the surface facing the sensor below which something hides the model."""
+
 LEAST_POINTS = 20
 """Fewer points around the model do not show it."""
 
-CONVINCING = 0.5
-"""Confidence of an estimate that ends a search."""
+CONVINCING, SURE = 0.5, 0.9
+"""Confidence of an estimate that ends a search: where the model fits about as well as it did before, or anyhow."""
 
 MOST_WAIT = 32
 """Frames between two searches for a lost model, at most; the wait doubles from search to search."""
@@ -163,8 +165,8 @@ class Tracker:
         self._motion: Motion | None = None
         self._usual: _Usual | None = None
         self._missed = 0
-        self._wait, self._next_search = 1, 0
-        self._search: tuple[Future[Estimate | None], float] | None = None
+        self._wait, self._waited = 1, 0
+        self._search: Future[Estimate | None] | None = None
         self._pool: ThreadPoolExecutor | None = None
 
     @property
@@ -258,13 +260,13 @@ class Tracker:
         if native.points < LEAST_POINTS:
             visible, support = native.support(base[None], expected.values)
             return _Fit(expected.T, expected.values, visible=visible, support=support)
-        T, values, *told = native.fit(
-            base[None], expected.values, base[None], expected.values, deviations, first, sigma, iterations,
-            limit - clock.perf_counter(),
-        )  # fmt: skip
+        seconds = limit - clock.perf_counter()
+        T, values, done, coverage, rmse = native.fit(
+            base[None], expected.values, base[None], expected.values, deviations, first, sigma, iterations, seconds
+        )
         visible, support = native.support(T[None], values)
         T[:3, 3] = T[:3, 3] * model.diagonal + centre
-        return _Fit(T, values, *told, visible, support)
+        return _Fit(T, values, done, coverage, rmse, visible, support)
 
     def _accepts(self, fit: _Fit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""
@@ -278,27 +280,33 @@ class Tracker:
             return None
         if self._search is not None:
             return self._search_result(frame, time)
-        self._next_search -= 1
-        if self._next_search > 0:
+        if not self._due(hidden=self._usual is not None and fit.visible < LEAST_VISIBLE):
             return None
-        self._wait = min(2 * self._wait, MOST_WAIT)
-        self._next_search = self._wait
-        guess = None if self._usual is None or self._motion is None else self._state(self._motion.T, self._motion.values)
+        guess = (
+            None if self._usual is None or self._motion is None else self._state(self._motion.T, self._motion.values)
+        )
         if self.options.time_limit is not None:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1)
-            self._search = self._pool.submit(self._estimate, frame, guess), time
+            self._search = self._pool.submit(self._estimate, frame, guess)
             return None
         return self._adopted(self._estimate(frame, guess), frame, time)
 
+    def _due(self, hidden: bool) -> bool:
+        """Return whether this frame is searched; the waits double, and are longest while something hides the model."""
+        self._waited += 1
+        if self._waited < (MOST_WAIT if hidden else self._wait):
+            return False
+        self._waited, self._wait = 0, min(2 * self._wait, MOST_WAIT)
+        return True
+
     def _search_result(self, frame: Frame, time: float) -> _Fit | None:
         """Return the fit of this frame from what a search of an earlier frame found, if it is done."""
-        assert self._search is not None
-        future, _ = self._search
-        if not future.done():
+        search = self._search
+        if search is None or not search.done():
             return None
         self._search = None
-        return self._adopted(future.result(), frame, time)
+        return self._adopted(search.result(), frame, time)
 
     def _estimate(self, frame: Frame, guess: State | None) -> Estimate | None:
         """Return the estimate of a frame, first from a guess, then without one; None where it cannot be made."""
@@ -315,10 +323,13 @@ class Tracker:
         if answer is None or answer.confidence < CONVINCING:
             return None
         values = self.model.values(answer.state.joints) / self._unit
-        self._motion = Motion.at_rest(time, self.model.root_placement(answer.state), values)
-        fit = self._fitted(frame, self._motion, LEAST_SIGMA * 2, 2 * self.options.iterations, np.inf)
-        if fit.iterations == 0 or fit.coverage == 0.0 or fit.support == 0.0:
+        start = Motion.at_rest(time, self.model.root_placement(answer.state), values)
+        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, 2 * self.options.iterations, np.inf)
+        if fit.coverage == 0.0 or fit.support == 0.0:
             return None
+        if self._usual is not None and answer.confidence < SURE and self._usual.quality(fit) < FOUND:
+            return None
+        self._motion = start
         self._usual = _Usual(fit.coverage, fit.support, _sigma(fit), answer.confidence)
         return fit
 
@@ -332,7 +343,7 @@ class Tracker:
             self._motion = self._motion.corrected(fit.T, fit.values, told, self._turns / self._unit, before)
         if self._usual.quality(fit) >= DOUBTFUL:
             self._usual = self._usual.renewed(fit)
-        self._missed, self._wait, self._next_search = 0, 1, 0
+        self._missed, self._wait, self._waited = 0, 1, 0
 
     def _report(self, fit: _Fit, time: float, found: bool, searched: bool, start: float) -> TrackedFrame:
         assert self._motion is not None
