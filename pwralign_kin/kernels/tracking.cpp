@@ -293,10 +293,11 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             const int p = bounds[likely[i]].part;
             const OrientedPoint &s = model.surface[p].dense[sample];
             const Vec n = rotate(F[p], s.n), foot = apply(F[p], s.p);
-            if (has_sensor && !faces_sensor(foot, n, -.1f)) continue; // no sensor sees a surface's back
-            if (distance < explained_distance) ++explained, squares += double(distance) * distance;
             const Vec offset = kept[i] - foot;
             const float residual = dot(offset, n), kernel = squared / (squared + distance * distance);
+            // No sensor sees a surface's back; but a point that stands out beyond it shows where the outline is.
+            if (has_sensor && residual < 0 && !faces_sensor(foot, n, -.1f)) continue;
+            if (distance < explained_distance) ++explained, squares += double(distance) * distance;
             const float w = weight * kernel * kernel;
             normal[p].add_plane(foot - about, n, residual, w);
             // Beyond an edge of the surface the distance has a part along the surface too.
