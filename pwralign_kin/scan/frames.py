@@ -96,8 +96,14 @@ def _in_folder(folder: Path) -> list[Path]:
     kinds = sorted({path.suffix.lower() for path in found})
     if len(kinds) > 1:
         raise ScanError(folder, f"files of several kinds ({' '.join(kinds)}): name the frames one by one")
-    return sorted(found, key=lambda path: [(int(piece), "") if piece.isdigit() else (-1, piece)
-                                           for piece in re.split(r"(\d+)", path.name)])  # fmt: skip
+    if all(_SECONDS.fullmatch(path.stem) for path in found):
+        return sorted(found, key=lambda path: float(path.stem))
+    return sorted(found, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return what sorts 2 before 10."""
+    return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", path.name)]
 
 
 def _files(paths: Sequence[Path], options: FrameOptions) -> Iterator[TimedFrame]:

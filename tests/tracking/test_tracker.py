@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def test_is_found_without_a_guess_and_again_after_it_was_hidden(arm: pk.Articula
     assert [frame.lost for frame in hidden] == [index + 1 >= PATIENCE for index in range(len(hidden))]
     assert all(frame.confidence == 0.0 and frame.points == 0 for frame in hidden)
     # It goes on a little, and comes to rest.
-    moves = [_errors(arm, one.state, other.state)[0] for one, other in zip(hidden, hidden[1:], strict=False)]
+    moves = [_errors(arm, one.state, other.state)[0] for one, other in pairwise(hidden)]
     assert moves[-1] < 0.1 and _errors(arm, hidden[-1].state, seen[-1].state)[0] < 20.0
     again = [tracker.update(frame.images[0], frame.time) for frame in moving[22:]]
     assert not again[-1].lost
