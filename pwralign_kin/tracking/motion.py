@@ -39,9 +39,9 @@ class Motion:
     """Time (s) at which the model was last seen."""
 
     @classmethod
-    def at_rest(cls, time: float, T: Array, values: Array) -> Motion:
-        """Return a model of unknown speed that was just seen."""
-        return cls(time, T, values, np.zeros(6), np.zeros(len(values)), time)
+    def at_rest(cls, time: float, T: Array, values: Array, seen: float) -> Motion:
+        """Return a model of unknown speed that was last seen at a time (s): the longer ago, the less sure it is."""
+        return cls(time, T, values, np.zeros(6), np.zeros(len(values)), seen)
 
     def predicted(self, time: float) -> Motion:
         """Return what is expected at a later time."""

@@ -18,7 +18,7 @@ from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
-from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.motion import LONGEST, Motion
 from pwralign_kin.tracking.options import TrackerOptions
 
 logger = logging.getLogger(__name__)
@@ -29,9 +29,15 @@ Frame = Scan | DepthFrame | NDArray[Any]
 LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
+WIDE_SIGMA, WIDE_ITERATIONS = 0.06, 4
+"""Robust scale at the start of a fit from far away, model diagonals, and how many times more iterations it may take."""
+
 DOUBTFUL, LOST, FOUND = 0.8, 0.5, 0.7
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
 is not seen; a lost model is found above the third."""
+
+CLEAR = 0.9
+"""Shares of the points and of the visible surface that are explained when a given start is taken without a search."""
 
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
@@ -142,7 +148,7 @@ class _Usual:
 class Tracker:
     """Follows one model from frame to frame.
 
-    The first frame is searched for the model unless `initial` tells where it is. A model that is not seen goes on a
+    The first frame is searched for the model unless `initial` tells about where it is. A model that is not seen goes on a
     little and then holds still; after `PATIENCE` frames it counts as lost and is searched for, from where it was and
     then everywhere. The same frames give the same states, bit for bit, unless there is a time limit.
     """
@@ -215,13 +221,14 @@ class Tracker:
     def _first(self, frame: Frame, time: float) -> tuple[Motion, _Fit]:
         """Return a model at rest where the initial state has it, or anywhere, and its fit."""
         if self._initial is None:
-            self._motion = Motion.at_rest(time, np.eye(4), self.model.values({}) / self._unit)
+            self._motion = Motion.at_rest(time, np.eye(4), self.model.values({}) / self._unit, time)
             return self._motion, _Fit(self._motion.T, self._motion.values)
         T = self.model.root_placement(self._initial)
-        motion = Motion.at_rest(time, T, self.model.values(self._initial.joints) / self._unit)
+        motion = Motion.at_rest(time, T, self.model.values(self._initial.joints) / self._unit, time - LONGEST)
         self._motion = motion
-        fit = self._fitted(frame, motion, MOST_SIGMA, 2 * self.options.iterations, np.inf, wide=True)
-        self._usual = _Usual(max(fit.coverage, 0.5), max(fit.support, 0.5), _sigma(fit), 1.0)
+        fit = self._fitted(frame, motion, 2 * LEAST_SIGMA, np.inf, wide=True)
+        if min(fit.coverage, fit.support) >= CLEAR:
+            self._usual = _Usual(fit.coverage, fit.support, _sigma(fit), 1.0)
         return motion, fit
 
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
@@ -229,21 +236,19 @@ class Tracker:
         limit = np.inf if self.options.time_limit is None else start + self.options.time_limit
         if self._usual is None:
             return _Fit(expected.T, expected.values)
-        fit = self._fitted(frame, expected, self._usual.sigma, self.options.iterations, limit)
+        fit = self._fitted(frame, expected, self._usual.sigma, limit)
         if self._usual.quality(fit) >= DOUBTFUL or fit.visible == 0.0:
             return fit
         for start_from in (expected, replace(before, time=expected.time)):
             if clock.perf_counter() >= limit:
                 break
-            other = self._fitted(frame, start_from, self._usual.sigma, 2 * self.options.iterations, limit, wide=True)
+            other = self._fitted(frame, start_from, self._usual.sigma, limit, wide=True)
             if self._usual.quality(other) > self._usual.quality(fit):
                 fit = other
         return fit
 
-    def _fitted(
-        self, frame: Frame, expected: Motion, sigma: float, iterations: int, limit: float, wide: bool = False
-    ) -> _Fit:
-        """Fit the frame about an expected configuration."""
+    def _fitted(self, frame: Frame, expected: Motion, sigma: float, limit: float, wide: bool = False) -> _Fit:
+        """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one."""
         native, model = self._native, self.model
         centre = expected.T[:3, 3].copy()
         base = expected.T.copy()
@@ -255,7 +260,8 @@ class Tracker:
         else:
             native.look_at_points(frame.points if isinstance(frame, Scan) else frame)
         ahead = expected.time - expected.seen
-        first = 0.05 if wide else float(np.clip(0.012 + 0.25 * ahead, 2 * sigma, 0.05))
+        first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * ahead, 2 * sigma, WIDE_SIGMA))
+        iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         deviations = expected.inverse_deviations() / (3.0 if wide else 1.0)
         if native.points < LEAST_POINTS:
             visible, support = native.support(base[None], expected.values)
@@ -323,8 +329,8 @@ class Tracker:
         if answer is None or answer.confidence < CONVINCING:
             return None
         values = self.model.values(answer.state.joints) / self._unit
-        start = Motion.at_rest(time, self.model.root_placement(answer.state), values)
-        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, 2 * self.options.iterations, np.inf)
+        start = Motion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
+        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf)
         if fit.coverage == 0.0 or fit.support == 0.0:
             return None
         if self._usual is not None and answer.confidence < SURE and self._usual.quality(fit) < FOUND:
@@ -336,8 +342,9 @@ class Tracker:
     def _take(self, fit: _Fit, before: Motion, searched: bool) -> None:
         """Go on from a fit."""
         assert self._motion is not None and self._usual is not None
-        if searched or self._motion.time == before.time or self.lost:
-            self._motion = Motion.at_rest(self._motion.time, fit.T, fit.values)
+        time = self._motion.time
+        if searched or time == before.time or self.lost:
+            self._motion = Motion.at_rest(time, fit.T, fit.values, time)
         else:
             told = np.array(self._native.told)
             self._motion = self._motion.corrected(fit.T, fit.values, told, self._turns / self._unit, before)

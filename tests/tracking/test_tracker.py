@@ -148,7 +148,7 @@ def test_faults(arm: pk.ArticulatedModel, moving: Frames) -> None:
 
 def test_motion_goes_on_as_fast_as_it_went() -> None:
     twist, speeds = np.array([0.3, -0.2, 0.5, 0.1, 0.2, -0.1]), np.array([0.7, -0.4])
-    motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2))
+    motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
     for index in range(1, 40):
         expected = motion.predicted(index / 30)
         true = Motion(0.0, np.eye(4), np.zeros(2), twist, speeds, 0.0).predicted(index / 30)
