@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame
@@ -65,6 +66,9 @@ class SimulatedFrame:
 
     state: State
     """The truth."""
+
+    pixels: NDArray[np.int64]
+    """(parts,) pixels of all images that show each part."""
 
 
 def smooth_motion(model: ArticulatedModel, frames: int, motion: Motion, seed: int) -> list[State]:
@@ -128,17 +132,19 @@ def simulate_sequence(
         time = index / rate
         if occluded is not None and occluded[0] <= time < occluded[1]:
             board = np.full(size[::-1], 0.3 * distance, np.float32)
-            yield SimulatedFrame(time, tuple(DepthFrame(board, intrinsics, T) for T in placements), state)
+            hidden = tuple(DepthFrame(board, intrinsics, T) for T in placements)
+            yield SimulatedFrame(time, hidden, state, np.zeros(len(model.parts), np.int64))
             continue
         world = World(posed_parts(model, state))
-        images = []
+        images, shown = [], np.zeros(len(model.parts), np.int64)
         for T in placements:
             seen = world.camera_image(T[:3, 3], T[:3, :3], focal, size)
+            shown += np.bincount(seen.body[seen.body >= 0], minlength=len(model.parts))
             along = seen.distance * (seen.directions @ T[:3, 2])
             along += sensed.normal(scale=noise * model.diagonal, size=along.shape)
             depth = np.where(np.isfinite(along), along, 0.0).astype(np.float32)
             images.append(DepthFrame(depth, intrinsics, T, source=f"simulated {model.name}, frame {index}"))
-        yield SimulatedFrame(time, tuple(images), state)
+        yield SimulatedFrame(time, tuple(images), state, shown)
 
 
 def _waves(times: Array, speed: float, most: float, rng: np.random.Generator) -> Array:

@@ -148,9 +148,9 @@ class _Usual:
 class Tracker:
     """Follows one model from frame to frame.
 
-    The first frame is searched for the model unless `initial` tells about where it is. A model that is not seen goes on a
-    little and then holds still; after `PATIENCE` frames it counts as lost and is searched for, from where it was and
-    then everywhere. The same frames give the same states, bit for bit, unless there is a time limit.
+    The first frame is searched for the model unless `initial` tells about where it is. A model that is not seen goes
+    on a little and then holds still; after `PATIENCE` frames it counts as lost and is searched for, from where it was
+    and then everywhere. The same frames give the same states, bit for bit, unless there is a time limit.
     """
 
     def __init__(
