@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, transform
-from pwralign_kin.simulation.raycasting import World, looking_at
-from pwralign_kin.simulation.simulator import check_seed, generator, posed_parts, random_state
+from pwralign_kin.simulation.raycasting import MovingBodies, looking_at
+from pwralign_kin.simulation.simulator import check_seed, generator, random_state
 from pwralign_kin.state import State
 
 if TYPE_CHECKING:
@@ -128,6 +128,7 @@ def simulate_sequence(
         T[:3, :3], T[:3, 3] = looking_at(-direction), centre + distance * direction
         placements.append(T)
     sensed = generator(seed, "noise")
+    bodies = MovingBodies([(part.vertices, part.faces) for part in model.parts])
     for index, state in enumerate(states):
         time = index / rate
         if occluded is not None and occluded[0] <= time < occluded[1]:
@@ -135,10 +136,10 @@ def simulate_sequence(
             hidden = tuple(DepthFrame(board, intrinsics, T) for T in placements)
             yield SimulatedFrame(time, hidden, state, np.zeros(len(model.parts), np.int64))
             continue
-        world = World(posed_parts(model, state))
+        placed = state.T_scan_base @ model.part_placements(model.values(state.joints))
         images, shown = [], np.zeros(len(model.parts), np.int64)
         for T in placements:
-            seen = world.camera_image(T[:3, 3], T[:3, :3], focal, size)
+            seen = bodies.camera_image(placed, T[:3, 3], T[:3, :3], focal, size)
             shown += np.bincount(seen.body[seen.body >= 0], minlength=len(model.parts))
             along = seen.distance * (seen.directions @ T[:3, 2])
             along += sensed.normal(scale=noise * model.diagonal, size=along.shape)
