@@ -110,7 +110,7 @@ def tracks(models: Models, frames: int, progress: Progress) -> Iterable[Track]:
     """Yield a track of each robot with a rig of cameras, and with one camera."""
     for robot, model in models:
         for sensor, cameras, size in (("rig", RIG, RIG_SIZE), ("single", 1, SINGLE_SIZE)):
-            track = _tracked(robot, model, sensor, simulate_sequence(model, frames, cameras=cameras, size=size))
+            track = followed(robot, model, sensor, simulate_sequence(model, frames, cameras=cameras, size=size))
             progress(" ".join(_row(track)))
             yield track
 
@@ -131,7 +131,7 @@ def guesses(robot: str, model: ArticulatedModel, count: int, progress: Progress)
         for index in range(count):
             noise = GUESS_NOISE / model.diagonal
             frame = next(iter(simulate_sequence(model, 1, size=GUESS_SIZE, noise=noise, seed=index)))
-            guess = _off(model, frame.state, kind, index)
+            guess = guess_off(model, frame.state, kind, index)
             tracked = Tracker(model, initial=guess).update(frame.images[0], 0.0)
             before, after = (displacement(model, state, frame.state) for state in (guess, tracked.state))
             progress(f"{robot} {kind}: {100 * before:.1f} cm to {100 * after:.2f} cm")
@@ -150,7 +150,8 @@ def displacement(model: ArticulatedModel, state: State, truth: State) -> float:
     return total / weights
 
 
-def _tracked(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[SimulatedFrame]) -> Track:
+def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[SimulatedFrame]) -> Track:
+    """Return how well a sequence is followed from its first state, which is known, and how fast."""
     ruler, rigid = Ruler(model), _Rigid(model)
     tracker: Tracker | None = None
     lost, points, turns, slides, shifts = 0, [], [], [], []
@@ -251,7 +252,7 @@ def _cloud(frame: SimulatedFrame) -> Array:
     return np.concatenate([image.to_scan().points for image in frame.images])
 
 
-def _off(model: ArticulatedModel, truth: State, kind: tuple[float, float, float], seed: int) -> State:
+def guess_off(model: ArticulatedModel, truth: State, kind: tuple[float, float, float], seed: int) -> State:
     """Return a state that is off by exactly so much, in random directions, but within the limits."""
     degrees, shift, joint = kind
     random = np.random.default_rng([seed, 1])
