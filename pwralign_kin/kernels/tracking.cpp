@@ -12,7 +12,7 @@ constexpr float occluder_gap = .04f;          // what is nearer to the sensor by
 constexpr float depth_edge = .03f;            // neighbouring pixels farther apart may be mixed
 constexpr int judged_samples = 64;            // per part
 constexpr float explained_distance = .02f;    // a point nearer to the model is explained
-constexpr size_t coarse_stride = 4;           // every so many points in the first iterations
+constexpr size_t coarse_stride = 4, middle_stride = 2; // every so many points, in the first iterations and the next
 constexpr double settled = 1e-3;              // rad or diagonals: a smaller change ends the iterations
 constexpr double independent_share = .5;      // of the points
 
@@ -270,15 +270,17 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
+    bool all = false;
     // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one. The
     // robust scale is about twice the noise, and neighbouring points share the sensor's error.
     const double belief = .25 * sigma_last * sigma_last / (independent_share * std::max<size_t>(kept.size(), 1));
     for (int iteration = 0; iteration < iterations; ++iteration) {
         if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
-        // Coarse to fine: few points settle the large motion, all of them the rest.
+        // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last word.
         const float progress = std::min(1.f, iteration / std::max(2.f, iterations * .3f));
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress), squared = sigma * sigma;
-        const size_t stride = progress < 1 ? coarse_stride : 1;
+        all |= iteration + 1 == iterations;
+        const size_t stride = all ? 1 : progress < 1 ? coarse_stride : middle_stride;
         const float cap = std::max(3 * sigma + .005f, explained_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
         int explained = 0;
         double squares = 0;
@@ -338,7 +340,9 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         ++result.iterations;
         result.coverage = explained * weight;
         result.rmse = explained ? float(std::sqrt(squares / explained)) : 0.f;
-        if (progress >= 1 && largest < settled) break;
+        if (progress < 1 || largest >= settled) continue;
+        if (all) break;
+        all = true;
     }
     orthonormalise(base.R);
     return result;

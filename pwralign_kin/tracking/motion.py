@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin.se3 import Array, exp
+from pwralign_kin.se3 import Array, exp, rotation_vector
 
 GAIN = 0.5
 """Share of what a frame shows beyond the expected that goes into the speed (the beta of an alpha-beta filter)."""
@@ -69,14 +69,12 @@ class Motion:
         `told` (6 + k,) is the share of each variable that the frame tells; `turns` (k,) is the range of joints that
         wrap, else infinite; `since` is the motion before the prediction.
         """
-        from scipy.spatial.transform import Rotation
-
         ahead = self.time - since.time
         apart = values - self.values
         wraps = np.isfinite(turns)
         apart[wraps] -= turns[wraps] * np.round(apart[wraps] / turns[wraps])
         gain = GAIN / ahead
         twist = self.twist.copy()
-        twist[:3] += gain * Rotation.from_matrix(T[:3, :3] @ self.T[:3, :3].T).as_rotvec()
+        twist[:3] += gain * rotation_vector(T[:3, :3] @ self.T[:3, :3].T)
         twist[3:] += gain * (T[:3, 3] - self.T[:3, 3])
         return Motion(self.time, T, values, told[:6] * twist, told[6:] * (self.speeds + gain * apart), self.time)
