@@ -32,7 +32,7 @@ LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
 WIDE_SIGMA, WIDE_ITERATIONS = 0.06, 4
 """Robust scale at the start of a fit from far away, model diagonals, and how many times more iterations it may take."""
 
-DOUBTFUL, LOST, FOUND = 0.8, 0.5, 0.7
+DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
 is not seen; a lost model is found above the third."""
 
@@ -49,7 +49,8 @@ LEAST_POINTS = 20
 """Fewer points around the model do not show it."""
 
 CONVINCING, SURE = 0.5, 0.9
-"""Confidence of an estimate that ends a search: where the model fits about as well as it did before, or anyhow."""
+"""Confidence of an estimate that ends a search where the model then fits like one that is found, or, with the second,
+not like a lost one; after many searches in vain the second is enough."""
 
 MOST_WAIT = 32
 """Frames between two searches for a lost model, at most; the wait doubles from search to search."""
@@ -171,7 +172,7 @@ class Tracker:
         self._motion: Motion | None = None
         self._usual: _Usual | None = None
         self._missed = 0
-        self._wait, self._waited = 1, 0
+        self._wait, self._waited, self._searches = 1, 0, 0
         self._search: Future[Estimate | None] | None = None
         self._pool: ThreadPoolExecutor | None = None
 
@@ -282,7 +283,7 @@ class Tracker:
 
     def _searched(self, frame: Frame, time: float, fit: _Fit) -> _Fit | None:
         """Search for a lost model, now and then; return its fit once it is found."""
-        if not self.lost:
+        if not self.lost or self._motion is None:
             return None
         if self._search is not None:
             return self._search_result(frame, time)
@@ -333,8 +334,11 @@ class Tracker:
         fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf)
         if fit.coverage == 0.0 or fit.support == 0.0:
             return None
-        if self._usual is not None and answer.confidence < SURE and self._usual.quality(fit) < FOUND:
-            return None
+        if self._usual is not None:
+            sure = answer.confidence >= SURE
+            in_vain = self._wait == MOST_WAIT
+            if not (sure and in_vain) and self._usual.quality(fit) < (LOST if sure else FOUND):
+                return None
         self._motion = start
         self._usual = _Usual(fit.coverage, fit.support, _sigma(fit), answer.confidence)
         return fit
@@ -350,7 +354,7 @@ class Tracker:
             self._motion = self._motion.corrected(fit.T, fit.values, told, self._turns / self._unit, before)
         if self._usual.quality(fit) >= DOUBTFUL:
             self._usual = self._usual.renewed(fit)
-        self._missed, self._wait, self._waited = 0, 1, 0
+        self._missed, self._wait, self._waited, self._searches = 0, 1, 0, 0
 
     def _report(self, fit: _Fit, time: float, found: bool, searched: bool, start: float) -> TrackedFrame:
         assert self._motion is not None

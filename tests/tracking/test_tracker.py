@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -105,6 +106,7 @@ def test_with_a_time_limit_a_lost_model_is_searched_for_beside_the_frames(
         tracked = tracker.update(image, 0.01 * index)
         if not tracked.lost:
             break
+        time.sleep(0.01)
     assert tracked.searched and _errors(arm, tracked.state, moving[0].state)[0] < 3.0
 
 
