@@ -29,8 +29,9 @@ Frame = Scan | DepthFrame | NDArray[Any]
 LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
-WIDE_SIGMA, WIDE_ITERATIONS = 0.06, 4
-"""Robust scale at the start of a fit from far away, model diagonals, and how many times more iterations it may take."""
+WIDE_SIGMA, WIDE_ITERATIONS, WIDER = 0.06, 4, 3.0
+"""Robust scale at the start of a fit from far away, model diagonals, how many times more iterations it may take, and
+how many times less sure its start is."""
 
 DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
@@ -119,6 +120,12 @@ class _Fit:
     """Share of the facing surface that nothing hides."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
+    points: int = 0
+    """Points used."""
+    told: Array | None = None
+    """(6 + k,) share of each variable that the frame tells, not the prediction."""
+    information: Array | None = None
+    """(6 + k, 6 + k) inverse covariance, rad and model diagonals."""
 
 
 @dataclass(frozen=True)
@@ -263,17 +270,17 @@ class Tracker:
         ahead = expected.time - expected.seen
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
-        deviations = expected.inverse_deviations() / (3.0 if wide else 1.0)
+        sureness = expected.inverse_deviations() / (WIDER if wide else 1.0)
         if native.points < LEAST_POINTS:
             visible, support = native.support(base[None], expected.values)
-            return _Fit(expected.T, expected.values, visible=visible, support=support)
+            return _Fit(expected.T, expected.values, visible=visible, support=support, points=native.points)
         seconds = limit - clock.perf_counter()
         T, values, done, coverage, rmse = native.fit(
-            base[None], expected.values, base[None], expected.values, deviations, first, sigma, iterations, seconds
+            base[None], expected.values, base[None], expected.values, sureness, first, sigma, iterations, seconds
         )
         visible, support = native.support(T[None], values)
         T[:3, 3] = T[:3, 3] * model.diagonal + centre
-        return _Fit(T, values, done, coverage, rmse, visible, support)
+        return _Fit(T, values, done, coverage, rmse, visible, support, native.points, native.told, native.information)
 
     def _accepts(self, fit: _Fit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""
@@ -289,9 +296,11 @@ class Tracker:
             return self._search_result(frame, time)
         if not self._due(hidden=self._usual is not None and fit.visible < LEAST_VISIBLE):
             return None
-        guess = (
-            None if self._usual is None or self._motion is None else self._state(self._motion.T, self._motion.values)
-        )
+        # Around a guess first; a guess confines the search in a scene, so every other search does without.
+        self._searches += 1
+        guess = None
+        if self._searches % 2:
+            guess = self._initial if self._usual is None else self._state(self._motion.T, self._motion.values)
         if self.options.time_limit is not None:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1)
@@ -331,7 +340,8 @@ class Tracker:
             return None
         values = self.model.values(answer.state.joints) / self._unit
         start = Motion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
-        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf)
+        late = self.options.time_limit is not None  # the model has gone on since the frame that was searched
+        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf, wide=late)
         if fit.coverage == 0.0 or fit.support == 0.0:
             return None
         if self._usual is not None:
@@ -350,8 +360,8 @@ class Tracker:
         if searched or time == before.time or self.lost:
             self._motion = Motion.at_rest(time, fit.T, fit.values, time)
         else:
-            told = np.array(self._native.told)
-            self._motion = self._motion.corrected(fit.T, fit.values, told, self._turns / self._unit, before)
+            assert fit.told is not None
+            self._motion = self._motion.corrected(fit.T, fit.values, fit.told, self._turns / self._unit, before)
         if self._usual.quality(fit) >= DOUBTFUL:
             self._usual = self._usual.renewed(fit)
         self._missed, self._wait, self._waited, self._searches = 0, 1, 0, 0
@@ -359,7 +369,7 @@ class Tracker:
     def _report(self, fit: _Fit, time: float, found: bool, searched: bool, start: float) -> TrackedFrame:
         assert self._motion is not None
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
-        covariance = self._covariance() if self.options.covariance and found else None
+        covariance = self._covariance(fit) if self.options.covariance and found else None
         return TrackedFrame(
             time=time,
             state=self._state(self._motion.T, self._motion.values),
@@ -369,15 +379,16 @@ class Tracker:
             scan_coverage=fit.coverage,
             model_support=fit.support,
             inlier_rmse=fit.rmse * self.model.diagonal,
-            points=self._native.points,
+            points=fit.points,
             iterations=fit.iterations,
             seconds=clock.perf_counter() - start,
             covariance=covariance,
         )
 
-    def _covariance(self) -> Array:
+    def _covariance(self, fit: _Fit) -> Array:
+        assert fit.information is not None
         scale = np.r_[np.ones(3), np.full(3, self.model.diagonal), self._unit]
-        return np.asarray(np.linalg.inv(self._native.information) * np.outer(scale, scale))
+        return np.asarray(np.linalg.inv(fit.information) * np.outer(scale, scale))
 
     def _state(self, T: Array, values: Array) -> State:
         model = self.model
