@@ -490,7 +490,7 @@ void bind_tracking(nb::module_ &m) {
             }
             std::vector<double> placed(16);
             write_placement(T, placed.data());
-            return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.coverage, result.rmse);
+            return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.coverage, result.agreement, result.rmse);
         }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "inverse_deviations"_a, "sigma_first"_a, "sigma_last"_a, "iterations"_a, "seconds"_a)
         .def_prop_ro("information", [](const Tracking &self) {
             const size_t size = 6 + self.model.joints;

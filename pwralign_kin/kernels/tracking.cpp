@@ -12,6 +12,7 @@ constexpr float occluder_gap = .04f;          // what is nearer to the sensor by
 constexpr float depth_edge = .03f;            // neighbouring pixels farther apart may be mixed
 constexpr int judged_samples = 64;            // per part
 constexpr float explained_distance = .02f;    // a point nearer to the model is explained
+constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
 constexpr size_t coarse_stride = 4, middle_stride = 2; // every so many points, in the first iterations and the next
 constexpr double settled = 1e-3;              // rad or diagonals: a smaller change ends the iterations
 constexpr double independent_share = .5;      // of the points
@@ -345,6 +346,13 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         all = true;
     }
     orthonormalise(base.R);
+    int close = 0;
+    for (size_t i = 0; i < kept.size(); ++i) {
+        float distance;
+        int sample;
+        close += likely[i] >= 0 || nearest(kept[i], close_distance, -1, distance, sample) >= 0;
+    }
+    result.agreement = close ? std::min(1.f, result.coverage * float(kept.size()) / close) : 0.f;
     return result;
 }
 

@@ -55,8 +55,9 @@ struct PinholeView {
 
 struct TrackingFit {
     int iterations = 0;
-    float coverage = 0; // share of the points that the model explained in the last iteration
-    float rmse = 0;     // of their distances
+    float coverage = 0;  // share of the points that the model explained in the last iteration
+    float agreement = 0; // the same of the points that are close to the model
+    float rmse = 0;      // of the explained points' distances
 };
 
 // What the frame shows of the surface that faces the sensor, in shares of it.

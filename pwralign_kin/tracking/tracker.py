@@ -43,7 +43,7 @@ CLEAR = 0.9
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
 
-LEAST_VISIBLE = 0.2
+LEAST_VISIBLE = 0.15
 """Share of the surface facing the sensor below which something hides the model."""
 
 LEAST_POINTS = 20
@@ -115,6 +115,8 @@ class _Fit:
     values: Array
     iterations: int = 0
     coverage: float = 0.0
+    agreement: float = 0.0
+    """Share of the points that count for or against the model that it explains."""
     rmse: float = 0.0
     visible: float = 0.0
     """Share of the facing surface that nothing hides."""
@@ -132,7 +134,7 @@ class _Fit:
 class _Usual:
     """How the model fits when it is found."""
 
-    coverage: float
+    agreement: float
     support: float
     sigma: float
     """Robust scale at the end of a fit."""
@@ -141,13 +143,13 @@ class _Usual:
 
     def quality(self, fit: _Fit) -> float:
         """Return how well a fit does beside the usual, from 0 to 1."""
-        return float(np.clip(min(fit.coverage / self.coverage, fit.support / self.support), 0.0, 1.0))
+        return float(np.clip(min(fit.agreement / self.agreement, fit.support / self.support), 0.0, 1.0))
 
     def renewed(self, fit: _Fit) -> _Usual:
         """Return the usual after another good fit."""
         return replace(
             self,
-            coverage=self.coverage + FORGETTING * (fit.coverage - self.coverage),
+            agreement=self.agreement + FORGETTING * (fit.agreement - self.agreement),
             support=self.support + FORGETTING * (fit.support - self.support),
             sigma=self.sigma + FORGETTING * (_sigma(fit) - self.sigma),
         )
@@ -236,7 +238,7 @@ class Tracker:
         self._motion = motion
         fit = self._fitted(frame, motion, 2 * LEAST_SIGMA, np.inf, wide=True)
         if min(fit.coverage, fit.support) >= CLEAR:
-            self._usual = _Usual(fit.coverage, fit.support, _sigma(fit), 1.0)
+            self._usual = _Usual(fit.agreement, fit.support, _sigma(fit), 1.0)
         return motion, fit
 
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
@@ -275,16 +277,20 @@ class Tracker:
             visible, support = native.support(base[None], expected.values)
             return _Fit(expected.T, expected.values, visible=visible, support=support, points=native.points)
         seconds = limit - clock.perf_counter()
-        T, values, done, coverage, rmse = native.fit(
+        T, values, done, coverage, agreement, rmse = native.fit(
             base[None], expected.values, base[None], expected.values, sureness, first, sigma, iterations, seconds
         )
         visible, support = native.support(T[None], values)
+        if not len(origin):  # what is in front of the model, or behind it, cannot be told
+            agreement = coverage
         T[:3, 3] = T[:3, 3] * model.diagonal + centre
-        return _Fit(T, values, done, coverage, rmse, visible, support, native.points, native.told, native.information)
+        return _Fit(
+            T, values, done, coverage, agreement, rmse, visible, support, native.points, native.told, native.information
+        )
 
     def _accepts(self, fit: _Fit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""
-        if self._usual is None or fit.iterations == 0:
+        if self._usual is None or fit.iterations == 0 or fit.visible < LEAST_VISIBLE:
             return False
         return self._usual.quality(fit) >= (FOUND if self.lost else LOST)
 
@@ -342,7 +348,7 @@ class Tracker:
         start = Motion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
         late = self.options.time_limit is not None  # the model has gone on since the frame that was searched
         fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf, wide=late)
-        if fit.coverage == 0.0 or fit.support == 0.0:
+        if fit.agreement == 0.0 or fit.support == 0.0:
             return None
         if self._usual is not None:
             sure = answer.confidence >= SURE
@@ -350,7 +356,7 @@ class Tracker:
             if not (sure and in_vain) and self._usual.quality(fit) < (LOST if sure else FOUND):
                 return None
         self._motion = start
-        self._usual = _Usual(fit.coverage, fit.support, _sigma(fit), answer.confidence)
+        self._usual = _Usual(fit.agreement, fit.support, _sigma(fit), answer.confidence)
         return fit
 
     def _take(self, fit: _Fit, before: Motion, searched: bool) -> None:
