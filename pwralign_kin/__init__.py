@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     )
     from pwralign_kin.exceptions import PwralignError
     from pwralign_kin.model import ArticulatedModel
-    from pwralign_kin.scan import Scan
+    from pwralign_kin.scan import DepthFrame, Scan
     from pwralign_kin.simulation import Sensor, simulate
     from pwralign_kin.state import State
+    from pwralign_kin.tracking import TrackedFrame, Tracker, TrackerOptions
 
 _HOME = {
     "Alternative": "estimation",
     "ArticulatedModel": "model",
     "BasePrior": "estimation",
     "Correspondences": "estimation",
+    "DepthFrame": "scan",
     "Estimate": "estimation",
     "EstimatorOptions": "estimation",
     "PartEstimate": "estimation",
@@ -36,6 +38,9 @@ _HOME = {
     "Sensor": "simulation",
     "SharedBaseEstimate": "estimation",
     "State": "state",
+    "TrackedFrame": "tracking",
+    "Tracker": "tracking",
+    "TrackerOptions": "tracking",
     "calibrate": "estimation",
     "estimate": "estimation",
     "simulate": "simulation",
@@ -46,6 +51,7 @@ __all__ = [
     "ArticulatedModel",
     "BasePrior",
     "Correspondences",
+    "DepthFrame",
     "Estimate",
     "EstimatorOptions",
     "PartEstimate",
@@ -54,6 +60,9 @@ __all__ = [
     "Sensor",
     "SharedBaseEstimate",
     "State",
+    "TrackedFrame",
+    "Tracker",
+    "TrackerOptions",
     "calibrate",
     "estimate",
     "simulate",

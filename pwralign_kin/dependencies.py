@@ -21,7 +21,14 @@ SYSTEM_LIBRARIES = {
 }
 """Shared libraries that Open3D and Pinocchio expect of the system, with their Debian packages."""
 
-_DISTRIBUTIONS = {"PIL": "pillow", "collada": "pycollada", "open3d": "open3d-cpu", "pinocchio": "pin", "yaml": "pyyaml"}
+_DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "collada": "pycollada",
+    "open3d": "open3d-cpu",
+    "pinocchio": "pin",
+    "small_gicp": "small-gicp",
+    "yaml": "pyyaml",
+}
 """Distributions that are not called like their module."""
 
 _SONAME = re.compile(r"lib[\w.+-]+\.so[.\d]*")
@@ -35,6 +42,19 @@ def open3d() -> Any:
 def pinocchio() -> Any:
     """Return the module `pinocchio`; raises `DependencyError` when it is missing or does not load."""
     return _loaded("pinocchio")
+
+
+def rosbags() -> tuple[Any, Any]:
+    """Return the modules `rosbags.highlevel` and `rosbags.typesys`; raises `DependencyError` where they are missing."""
+    try:
+        return import_module("rosbags.highlevel"), import_module("rosbags.typesys")
+    except ImportError:
+        raise DependencyError("ROS bags need the library rosbags", 'pip install "pwralign-kin[ros]"') from None
+
+
+def small_gicp() -> Any:
+    """Return the module `small_gicp`; raises `DependencyError` where it is missing."""
+    return _loaded("small_gicp")
 
 
 def missing_system_libraries() -> tuple[str, ...]:

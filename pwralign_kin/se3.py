@@ -62,6 +62,13 @@ def rotation_angle(R: Array) -> float:
     return float(np.arctan2(sine, (np.trace(R) - 1.0) / 2.0))
 
 
+def rotation_vector(R: Array) -> Array:
+    """Return the rotation vector (3,), rad, of the rotation `R` (3, 3), which must turn by less than half a turn."""
+    v = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    sine = math.sqrt(float(v @ v))
+    return v if sine < 1e-12 else v * (math.atan2(sine, (float(np.trace(R)) - 1.0) / 2.0) / sine)
+
+
 def orthonormalised(T: Array) -> Array:
     """Return `T` (4, 4) with its rotation replaced by the nearest one (polar decomposition)."""
     U, _, Vt = np.linalg.svd(T[:3, :3])

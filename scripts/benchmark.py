@@ -33,7 +33,7 @@ def main() -> int:
         return _failed(error)
     for name in ("pwralign_kin", "yourdfpy", "trimesh"):  # what these robots need mended is known
         logging.getLogger(name).setLevel(logging.ERROR)
-    settings = Settings(SAMPLES, options.robots, options.tiers, options.configurations, options.threads)
+    settings = Settings(SAMPLES, options.robots, options.tiers, options.configurations, options.threads, options.frames)
     # Where the single results go is of no interest to those who read the tables.
     words = [word for word in sys.argv[1:] if word != str(options.json) and not word.startswith("--json")]
     command = shlex.join(["python", "scripts/benchmark.py", *words])
@@ -71,6 +71,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--robots", type=_names(robots), metavar="A,B", help=f"{', '.join(ROBOTS)}, or others")
     parser.add_argument("--tiers", type=_names(SENSORS), metavar="A,B", help=f"of {', '.join(SENSORS)}")
     parser.add_argument("--configurations", type=_positive, help="random states of each robot (3 or 10)")
+    parser.add_argument("--frames", type=_positive, help="frames of a tracked sequence (1000)")
     parser.add_argument("--threads", type=_positive, default=2, help="threads of an estimate (2)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write every single result")
     parser.add_argument("--write", action="store_true", help=f"put the figures into {REPORT} and docs")

@@ -23,7 +23,7 @@ LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
 
 ONLY_WHEN_CALLED = {
     "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs",
-    "rich", "scipy", "trimesh", "xacrodoc", "yaml", "yourdfpy",
+    "rich", "rosbags", "scipy", "trimesh", "xacrodoc", "yaml", "yourdfpy",
 }  # fmt: skip
 
 FILES = sorted(ROOT.rglob("*.py"))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 PACKAGES = (
     "pwralign-kin", "numpy", "scipy", "casadi", "pin", "open3d-cpu", "open3d", "trimesh", "yourdfpy",
-    "example-robot-data",
+    "example-robot-data", "small-gicp",
 )  # fmt: skip
 
 REPORT = "BENCHMARKS.md"

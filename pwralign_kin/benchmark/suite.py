@@ -9,7 +9,17 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pwralign_kin.benchmark import calibration, curves, first_use, further, joint_gap, samples, scenes, summaries
+from pwralign_kin.benchmark import (
+    calibration,
+    curves,
+    first_use,
+    further,
+    joint_gap,
+    samples,
+    scenes,
+    summaries,
+    tracking,
+)
 from pwralign_kin.benchmark.cases import (
     HARSH,
     PARKED,
@@ -52,6 +62,11 @@ FIGURES = ("cubebot", "viking_lander")
 
 CURVE_MODELS = (*FIGURES, "panda", "go2", "allegro")
 
+TRACKED = ("panda", "z1", "allegro", "solo12", "go2", "tiago")
+"""Arms of seven and six joints, a hand, two quadrupeds, and a mobile base with an arm."""
+
+GUESSED, GUESSED_FRAMES = "panda", 20
+
 CONFIGURATIONS, FIGURE_CONFIGURATIONS = 3, 10
 
 
@@ -72,6 +87,9 @@ class Settings:
     """Random states of each model in each tier; None: as many as the table has."""
 
     threads: int = 2
+
+    frames: int | None = None
+    """Frames of a tracked sequence; None: as many as the table has."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +228,18 @@ def degradation(settings: Settings, progress: Progress) -> Result:
     return Result(text, points, curves.curve_pictures(points))
 
 
+def tracked(settings: Settings, progress: Progress) -> Result:
+    """Sequences followed, models found again, guesses refined."""
+    models = list(_models(settings, settings.robots or TRACKED))
+    tracks = list(tracking.tracks(models, settings.frames or tracking.FRAMES, progress))
+    found = list(tracking.recoveries(models, progress))
+    [(name, model)] = _models(settings, (GUESSED,))
+    count = settings.configurations or GUESSED_FRAMES
+    refined = list(tracking.guesses(name, model, count, progress))
+    tables = (tracking.tracks_table(tracks), tracking.recoveries_table(found), tracking.guesses_table(refined))
+    return Result("\n".join(tables), {"tracks": tracks, "recoveries": found, "guesses": refined})
+
+
 TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
     {
         "overlay": overlay,
@@ -224,6 +254,7 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
         "first-use": first_use_costs,
         "samples": sample_scans,
         "gap": joint_gaps,
+        "tracking": tracked,
     }
 )
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 VERBS = {
     "estimate": "Find where a model is in a scan: its base placement and every joint value.",
     "calibrate": "Find where a robot with known joint values stands in a sensor's frame, from several scans.",
+    "track": "Follow a model through a stream of scans or depth images: a state per frame.",
     "inspect": "Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds.",
     "simulate": "Scan a model in software: points with the truth beside them.",
     "doctor": "Check that everything this program needs is installed, and say how to mend it.",

@@ -16,6 +16,7 @@ from pwralign_kin.exceptions import ExportError
 
 if TYPE_CHECKING:
     from pwralign_kin.scan import Scan
+    from pwralign_kin.se3 import Array
 
 Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
 
@@ -43,6 +44,7 @@ Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validato
 
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
 
 Gravity = Annotated[
     Triple | None,
@@ -90,6 +92,15 @@ def read_joints(path: Path) -> dict[str, float]:
         return dict(State(joints=joints).joints)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
+
+
+def placement(pose: Pose) -> Array:
+    """Return the (4, 4) placement of x y z qx qy qz qw; raises `StateError` for a quaternion that is none."""
+    import numpy as np
+
+    from pwralign_kin import se3
+
+    return se3.from_quaternion(np.array(pose[:3]), np.array(pose[3:]))
 
 
 def check_folder(folder: Path) -> None:

@@ -17,6 +17,7 @@ from pwralign_kin.cli.arguments import (
     Gravity,
     Joints,
     PackageDirs,
+    Pose,
     ScanPath,
     Seed,
     Threads,
@@ -28,10 +29,7 @@ from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageE
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import Estimate, SharedBaseEstimate
-    from pwralign_kin.se3 import Array
     from pwralign_kin.state import State
-
-Pose = tuple[float, float, float, float, float, float, float]
 
 
 def estimate(
@@ -120,7 +118,7 @@ def estimate(
         converted = [arguments.in_metres(points, units, model.diagonal) for points in read]
         scans, unit = [points for points, _ in converted], converted[0][1]
         known = BasePrior(
-            T_scan_base=None if base is None or base_std is None else _placement(base),
+            T_scan_base=None if base is None or base_std is None else arguments.placement(base),
             translation_std=base_std[0] if base_std else 0.0,
             rotation_std=math.radians(base_std[1]) if base_std else 0.0,
             up=gravity,
@@ -160,14 +158,6 @@ def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:
     return [out / f"{i}_{path.stem}" for i, path in enumerate(scans)]
 
 
-def _placement(base: Pose) -> Array:
-    import numpy as np
-
-    from pwralign_kin import se3
-
-    return se3.from_quaternion(np.array(base[:3]), np.array(base[3:]))
-
-
 def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float]) -> State | None:
     """Return the state to start from, or None to search; `values` go before those of a file."""
     from pwralign_kin.state import State
@@ -175,7 +165,7 @@ def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float])
     if initial is not None and base is not None:
         raise UsageError("--initial and --base exclude each other.")
     if base is not None:
-        return State(_placement(base), values)
+        return State(arguments.placement(base), values)
     if initial is None:
         return None
     given = State.load(initial)

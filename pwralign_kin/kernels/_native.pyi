@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -246,3 +247,46 @@ class Search:
         support_weight: float,
         part_weights: NDArray[np.float32],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+
+class Tracking:
+    def __init__(self, model: Articulated, points: int, cell: float) -> None: ...
+    def expect(
+        self,
+        base: NDArray[np.float64],
+        values: NDArray[np.float64],
+        centre: NDArray[np.float64],
+        unit: float,
+        sensor: NDArray[np.float64],
+        margin: float,
+    ) -> None: ...
+    @overload
+    def look_at_points(self, points: NDArray[np.float32]) -> None: ...
+    @overload
+    def look_at_points(self, points: NDArray[np.float64]) -> None: ...
+    @overload
+    def look_at_depth(
+        self, depth: NDArray[np.float32], intrinsics: NDArray[np.float64], scale: float, camera: NDArray[np.float64]
+    ) -> None: ...
+    @overload
+    def look_at_depth(
+        self, depth: NDArray[np.uint16], intrinsics: NDArray[np.float64], scale: float, camera: NDArray[np.float64]
+    ) -> None: ...
+    @property
+    def points(self) -> int: ...
+    def fit(
+        self,
+        base: NDArray[np.float64],
+        values: NDArray[np.float64],
+        predicted: NDArray[np.float64],
+        predicted_values: NDArray[np.float64],
+        inverse_deviations: NDArray[np.float64],
+        sigma_first: float,
+        sigma_last: float,
+        iterations: int,
+        seconds: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int, float, float, float]: ...
+    @property
+    def information(self) -> NDArray[np.float64]: ...
+    @property
+    def told(self) -> NDArray[np.float64]: ...
+    def support(self, base: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]: ...

@@ -89,4 +89,29 @@ void Articulated::joint_twists(const Rigid *T, const double *c, double *twists) 
     }
 }
 
+void Articulated::compose(Normal *normal, const double *twists, double *H, double *g) const {
+    const int size = 6 + joints;
+    for (int p = parts - 1; p > 0; --p) { // normal[p] is complete here: all its descendants have been added
+        const int column = 6 + actuated[p];
+        const double *S = &twists[6 * p];
+        double HS[6] = {};
+        for (int i = 0; i < 6; ++i)
+            for (int j = 0; j < 6; ++j) HS[i] += normal[p].H[6 * i + j] * S[j];
+        for (int i = 0; i < 6; ++i) {
+            g[column] += S[i] * normal[p].g[i];
+            H[i * size + column] += HS[i], H[column * size + i] += HS[i];
+        }
+        for (int ancestor = p; ancestor > 0; ancestor = parent[ancestor]) {
+            double value = 0;
+            for (int i = 0; i < 6; ++i) value += twists[6 * ancestor + i] * HS[i];
+            const int row = 6 + actuated[ancestor];
+            H[row * size + column] += value;
+            if (ancestor != p) H[column * size + row] += value;
+        }
+        Normal &above = normal[parent[p]];
+        for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
+        for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
+    }
+}
+
 } // namespace pwr

@@ -74,6 +74,9 @@ class Articulated {
     }
     // World twists of every part's joint about the point c, (parts, 6); the root's are zero.
     void joint_twists(const Rigid *T, const double *c, double *twists) const;
+    // Add the normal equations of the parts to those of base and joints (6 + joints), accumulated from the leaves (as in
+    // Featherstone's composite-rigid-body algorithm). Those of the base itself stay in normal[0], complete.
+    void compose(Normal *normal, const double *twists, double *H, double *g) const;
 };
 
 } // namespace pwr

@@ -1,6 +1,7 @@
 // Python bindings: arrays in, arrays out. Lengths are in units of the model's diagonal.
 #include "cloud.hpp"
 #include "search.hpp"
+#include "tracking.hpp"
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
@@ -442,6 +443,68 @@ void bind_search(nb::module_ &m) {
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
 }
 
+PinholeView read_view(const Matrix &K, double scale, const Placements &camera, size_t height, size_t width) {
+    require(K.shape(0) == 3 && K.shape(1) == 3 && camera.shape(0) == 1 && height > 0 && width > 0, "a depth image needs a 3x3 camera matrix and one placement");
+    const double *k = K.data();
+    return {k[0], k[4], k[2], k[5], k[1], scale, read_placement(camera.data()), int(height), int(width)};
+}
+
+void bind_tracking(nb::module_ &m) {
+    nb::class_<Tracking>(m, "Tracking")
+        .def("__init__", [](Tracking *self, const Articulated &model, int points, float cell) {
+            require(points > 0 && cell > 0, "a tracker needs points and cells");
+            new (self) Tracking(model, points, cell);
+        }, "model"_a, "points"_a, "cell"_a, nb::keep_alive<1, 2>())
+        .def("expect", [](Tracking &self, Placements base, Doubles values, Doubles centre, double unit, Doubles sensor, float margin) {
+            require(base.shape(0) == 1 && int(values.size()) == self.model.joints, "one base and one value per joint are needed");
+            require(centre.size() == 3 && (sensor.size() == 0 || sensor.size() == 3) && unit > 0, "a centre and a sensor have three coordinates");
+            self.expect(read_placement(base.data()), values.data(), centre.data(), unit, sensor.size() ? sensor.data() : nullptr, margin);
+        }, "base"_a, "values"_a, "centre"_a, "unit"_a, "sensor"_a, "margin"_a)
+        .def("look_at_points", [](Tracking &self, In<float, nb::shape<-1, 3>> points) {
+            nb::gil_scoped_release release;
+            self.look(points.data(), points.shape(0));
+        }, "points"_a)
+        .def("look_at_points", [](Tracking &self, In<double, nb::shape<-1, 3>> points) {
+            nb::gil_scoped_release release;
+            self.look(points.data(), points.shape(0));
+        }, "points"_a)
+        .def("look_at_depth", [](Tracking &self, In<float, nb::shape<-1, -1>> depth, Matrix intrinsics, double scale, Placements camera) {
+            const PinholeView view = read_view(intrinsics, scale, camera, depth.shape(0), depth.shape(1));
+            nb::gil_scoped_release release;
+            self.look(depth.data(), view);
+        }, "depth"_a, "intrinsics"_a, "scale"_a, "camera"_a)
+        .def("look_at_depth", [](Tracking &self, In<uint16_t, nb::shape<-1, -1>> depth, Matrix intrinsics, double scale, Placements camera) {
+            const PinholeView view = read_view(intrinsics, scale, camera, depth.shape(0), depth.shape(1));
+            nb::gil_scoped_release release;
+            self.look(depth.data(), view);
+        }, "depth"_a, "intrinsics"_a, "scale"_a, "camera"_a)
+        .def_prop_ro("points", [](const Tracking &self) { return int(self.kept.size()); })
+        .def("fit", [](Tracking &self, Placements base, Doubles values, Placements predicted, Doubles predicted_values, Doubles inverse_deviations, float sigma_first, float sigma_last, int iterations, double seconds) {
+            const size_t k = self.model.joints;
+            require(base.shape(0) == 1 && predicted.shape(0) == 1 && values.size() == k && predicted_values.size() == k && inverse_deviations.size() == 6 + k, "one base, one value per joint and one deviation per variable are needed");
+            Rigid T = read_placement(base.data());
+            std::vector<double> fitted(values.data(), values.data() + k);
+            TrackingFit result;
+            {
+                nb::gil_scoped_release release;
+                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), inverse_deviations.data(), sigma_first, sigma_last, iterations, seconds);
+            }
+            std::vector<double> placed(16);
+            write_placement(T, placed.data());
+            return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.coverage, result.agreement, result.rmse);
+        }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "inverse_deviations"_a, "sigma_first"_a, "sigma_last"_a, "iterations"_a, "seconds"_a)
+        .def_prop_ro("information", [](const Tracking &self) {
+            const size_t size = 6 + self.model.joints;
+            return to_numpy(std::vector<double>(self.information), {size, size});
+        }, nb::rv_policy::move)
+        .def_prop_ro("told", [](const Tracking &self) { return to_numpy(std::vector<double>(self.told)); }, nb::rv_policy::move)
+        .def("support", [](Tracking &self, Placements base, Doubles values) {
+            require(base.shape(0) == 1 && int(values.size()) == self.model.joints, "one base and one value per joint are needed");
+            const TrackingSupport shown = self.support(read_placement(base.data()), values.data());
+            return nb::make_tuple(shown.visible, shown.supported);
+        }, "base"_a, "values"_a);
+}
+
 } // namespace
 
 NB_MODULE(_native, m) {
@@ -452,4 +515,5 @@ NB_MODULE(_native, m) {
     bind_clouds(m);
     bind_model(m);
     bind_search(m);
+    bind_tracking(m);
 }

@@ -68,7 +68,7 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
 
 // Gauss-Newton with a Geman-McClure kernel whose scale shrinks geometrically. Scan points pull the nearest part, model
 // samples are pulled by the scan. Per part the residuals are reduced to twist space; the joints enter by composite
-// normal equations accumulated from the leaves (as in Featherstone's composite-rigid-body algorithm).
+// normal equations (`Articulated::compose`).
 void Search::refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                         float support_weight, const float *part_weights) const {
     const int n = model.parts, joints = model.joints, size = 6 + joints;
@@ -87,27 +87,7 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
         constexpr double independent_points = 1000;
         const double belief = sigma * sigma / independent_points;
         std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
-        for (int p = n - 1; p > 0; --p) { // normal[p] is complete here: all its descendants have been added
-            const int column = 6 + model.actuated[p];
-            const double *S = &twists[6 * p];
-            double HS[6] = {};
-            for (int i = 0; i < 6; ++i)
-                for (int j = 0; j < 6; ++j) HS[i] += normal[p].H[6 * i + j] * S[j];
-            for (int i = 0; i < 6; ++i) {
-                step[column] += S[i] * normal[p].g[i];
-                H[i * size + column] += HS[i], H[column * size + i] += HS[i];
-            }
-            for (int ancestor = p; ancestor > 0; ancestor = model.parent[ancestor]) {
-                double value = 0;
-                for (int i = 0; i < 6; ++i) value += twists[6 * ancestor + i] * HS[i];
-                const int row = 6 + model.actuated[ancestor];
-                H[row * size + column] += value;
-                if (ancestor != p) H[column * size + row] += value;
-            }
-            Normal &above = normal[model.parent[p]];
-            for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
-            for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
-        }
+        model.compose(normal.data(), twists.data(), H.data(), step.data());
         prior.base.add(c.base, belief, normal[0].H, normal[0].g);
         for (size_t j = 0; j < prior.inverse_deviations.size(); ++j) {
             const double share = belief * prior.inverse_deviations[j] * prior.inverse_deviations[j];

@@ -1,7 +1,9 @@
 """From files, arrays and depth images to a clean `Scan`."""
 
+from pwralign_kin.scan.depth import DepthFrame
+from pwralign_kin.scan.frames import FrameOptions, read_frames
 from pwralign_kin.scan.scan import DepthCamera, Scan
 from pwralign_kin.scan.units import check_units
 from pwralign_kin.scan.writers import write_ply
 
-__all__ = ["DepthCamera", "Scan", "check_units", "write_ply"]
+__all__ = ["DepthCamera", "DepthFrame", "FrameOptions", "Scan", "check_units", "read_frames", "write_ply"]

@@ -134,17 +134,13 @@ def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> 
 
 
 def _read_npy(data: bytes, path: Path) -> FileContent:
-    return FileContent(points=_columns_xyz(_numpy_content(data, path, b"\x93NUMPY"), path, "points"))
+    return FileContent(points=_columns_xyz(numpy_content(data, path, b"\x93NUMPY"), path, "points"))
 
 
 def _read_npz(data: bytes, path: Path) -> FileContent:
-    archive = _numpy_content(data, path, b"PK")
-    try:
-        arrays = {
-            name: np.asarray(archive[name]) for name in ("points", "sensor_origin", "normals") if name in archive.files
-        }
-    except Exception as error:  # a corrupt archive raises anything: zlib.error, struct.error, KeyError
-        raise ScanError(path, f"truncated or malformed: {_one_line(error)}") from None
+    archive = numpy_content(data, path, b"PK")
+    known = ("points", "sensor_origin", "normals")
+    arrays = {name: member(archive, name, path) for name in known if name in archive.files}
     if "points" not in arrays:
         raise ScanError(path, f"no array named points; the file has {', '.join(archive.files) or 'none'}")
     return FileContent(
@@ -154,7 +150,16 @@ def _read_npz(data: bytes, path: Path) -> FileContent:
     )
 
 
-def _numpy_content(data: bytes, path: Path, magic: bytes) -> Any:
+def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
+    """Return an array of an opened .npz; raises `ScanError` where it is corrupt."""
+    try:
+        return np.asarray(archive[name])
+    except Exception as error:  # a corrupt archive raises anything: zlib.error, struct.error, KeyError
+        raise ScanError(path, f"truncated or malformed: {_one_line(error)}") from None
+
+
+def numpy_content(data: bytes, path: Path, magic: bytes) -> Any:
+    """Return what a NumPy file that begins with `magic` holds; raises `ScanError` where it is none."""
     if not data.startswith(magic):
         raise ScanError(path, f"not a NumPy {path.suffix.lower()} file")
     try:
@@ -193,3 +198,6 @@ _READERS: dict[str, Callable[[bytes, Path], FileContent]] = {
     ".stl": read_stl,
     ".glb": read_glb,
 }
+
+SUFFIXES = tuple(_READERS)
+"""Suffixes of scan files."""

@@ -171,7 +171,7 @@ class Scan:
         used = np.ones(raw.shape, dtype=bool) if mask is None else np.asarray(mask)
         if used.shape != raw.shape:
             raise ScanError(word, f"mask has the shape {used.shape}, depth {raw.shape}")
-        K = _checked_intrinsics(intrinsics, word)
+        K = checked_intrinsics(intrinsics, word)
         T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
 
         height, width = raw.shape
@@ -298,7 +298,7 @@ def _frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
     return array
 
 
-def _checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
+def checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
     """Return the (3, 3) camera matrix of `intrinsics`, which is one already or (fx, fy, cx, cy)."""
     try:
         K = np.array(intrinsics, dtype=np.float64)

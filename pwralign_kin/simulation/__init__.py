@@ -2,17 +2,22 @@
 
 from pwralign_kin.simulation.scenes import Room, simulate_scene
 from pwralign_kin.simulation.sensor import FULL, TIERS, GuessError, Sensor
+from pwralign_kin.simulation.sequences import Motion, SimulatedFrame, simulate_sequence, smooth_motion
 from pwralign_kin.simulation.simulator import SimulatedCopy, SimulatedScan, random_state, simulate
 
 __all__ = [
     "FULL",
     "TIERS",
     "GuessError",
+    "Motion",
     "Room",
     "Sensor",
     "SimulatedCopy",
+    "SimulatedFrame",
     "SimulatedScan",
     "random_state",
     "simulate",
     "simulate_scene",
+    "simulate_sequence",
+    "smooth_motion",
 ]

@@ -80,9 +80,7 @@ class World:
         The columns of `axes` (3, 3) are its directions right, down and forward; `focal` is in pixels and `size` the
         columns and rows of its image.
         """
-        slopes = [(np.arange(count) - (count - 1) / 2.0) / focal for count in size]
-        grid = np.stack([*np.meshgrid(*slopes), np.ones(size[::-1])], axis=-1)
-        return self._cast(origin, grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T)
+        return self._cast(origin, pinhole_directions(axes, focal, size))
 
     def travel(self, points: Array, direction: Array) -> float:
         """Return how far `points` (n, 3) can move along the unit `direction` (3,) until one meets a body."""
@@ -98,6 +96,48 @@ class World:
         body = np.full(distance.shape, -1)
         body[hit] = self._owners[geometry[hit]]
         return DepthImage(origin=origin, directions=directions, distance=distance, body=body)
+
+
+class MovingBodies:
+    """Rigid bodies that move between looks: each is prepared once, in its own frame."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Take over `bodies`, each in its own frame. Raises `DependencyError` without Open3D."""
+        library = open3d()
+        self._tensor = library.core.Tensor
+        self._bodies = []
+        for index, (vertices, faces) in enumerate(bodies):
+            if len(faces):
+                scene = library.t.geometry.RaycastingScene()
+                scene.add_triangles(self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32)))
+                centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+                self._bodies.append((index, scene, centre, float(np.linalg.norm(vertices - centre, axis=1).max())))
+
+    def camera_image(
+        self, placements: Array, origin: Array, axes: Array, focal: float, size: tuple[int, int]
+    ) -> DepthImage:
+        """Return what a pinhole camera, as in `World.camera_image`, sees of the bodies at `placements` (n, 4, 4)."""
+        directions = pinhole_directions(axes, focal, size)
+        rays = directions.reshape(-1, 3)
+        distance, body = np.full(len(rays), np.inf), np.full(len(rays), -1)
+        for index, scene, middle, radius in self._bodies:
+            R, t = placements[index][:3, :3], placements[index][:3, 3]
+            to_middle = R @ middle + t - origin
+            along = rays @ to_middle
+            near = np.flatnonzero(to_middle @ to_middle - along**2 <= radius**2)
+            local = np.concatenate([np.broadcast_to((origin - t) @ R, (len(near), 3)), rays[near] @ R], axis=-1)
+            hit = scene.cast_rays(self._tensor(local.astype(np.float32)))["t_hit"].numpy().astype(np.float64)
+            first = hit < distance[near]
+            distance[near[first]], body[near[first]] = hit[first], index
+        shape = directions.shape[:2]
+        return DepthImage(origin, directions, distance.reshape(shape), body.reshape(shape))
+
+
+def pinhole_directions(axes: Array, focal: float, size: tuple[int, int]) -> Array:
+    """Return the unit directions (rows, columns, 3) of a pinhole camera's pixels."""
+    slopes = [(np.arange(count) - (count - 1) / 2.0) / focal for count in size]
+    grid = np.stack([*np.meshgrid(*slopes), np.ones(size[::-1])], axis=-1)
+    return np.asarray(grid / np.linalg.norm(grid, axis=-1, keepdims=True) @ axes.T)
 
 
 def looking_at(forward: Array) -> Array:

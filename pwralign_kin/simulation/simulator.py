@@ -179,7 +179,7 @@ def random_state(model: ArticulatedModel, seed: int) -> State:
     return State(T, dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)
 
 
-_PURPOSES = ("state", "clutter", "views", "returns", "missing", "noise", "stray", "guess", "scene", "camera")
+_PURPOSES = ("state", "clutter", "views", "returns", "missing", "noise", "stray", "guess", "scene", "camera", "motion")
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:

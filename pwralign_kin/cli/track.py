@@ -1,0 +1,144 @@
+"""`pwralign track`: a URDF and a stream of frames in, a state per frame out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pwralign_kin.cli import arguments, messages
+from pwralign_kin.cli.arguments import AsJson, GeometryChoice, Joints, PackageDirs, Pose, Seed, Threads, Triple, Urdf
+from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+
+if TYPE_CHECKING:
+    from pwralign_kin.tracking import TrackedFrame
+
+
+def track(
+    urdf: Urdf,
+    /,
+    *frames: Annotated[
+        Path,
+        Parameter(help="Scans or 16-bit PNG depth images, a folder of them, an NPZ sequence, or a ROS 2 bag."),
+    ],
+    out: Annotated[Path | None, Parameter(help="Folder for joints.csv, base.tum and track.json.")] = None,
+    mcap: Annotated[
+        bool, Parameter(help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=())
+    ] = False,
+    initial: Annotated[Path | None, Parameter(help="A state.json: where the model is in the first frame.")] = None,
+    joint: Annotated[
+        Joints, Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated.")
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
+    ] = None,
+    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0,
+    intrinsics: Annotated[
+        tuple[float, float, float, float] | None,
+        Parameter(help="fx fy cx cy: the camera of the depth images, pixels.", negative=()),
+    ] = None,
+    depth_scale: Annotated[
+        float, Parameter(help="m per unit of integer depth images.", validator=Number(gt=0))
+    ] = 0.001,
+    camera: Annotated[
+        Pose | None,
+        Parameter(help="x y z qx qy qz qw: the camera of the depth images in the scan frame, m.", negative=()),
+    ] = None,
+    sensor_origin: Annotated[
+        Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
+    ] = None,
+    topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None,
+    units: Annotated[Literal["m", "mm"], Parameter(help="Unit of scan files.")] = "m",
+    time_limit: Annotated[
+        float | None, Parameter(help="Seconds that a frame may take; results then depend on the machine.")
+    ] = None,
+    seed: Seed = 0,
+    json: AsJson = False,
+    package_dir: PackageDirs = None,
+    geometry: GeometryChoice = "visual",
+    threads: Threads = 0,
+) -> int:
+    """Follow a model through a stream of frames: base placement and joint values of each.
+
+    No guess is needed; a lost model is searched for. Results go to stdout, everything else to stderr.
+    """
+    if not frames:
+        raise UsageError("track takes at least one frame.")
+    if mcap and out is None:
+        raise UsageError("--mcap is one of the files that --out writes: give --out.")
+    values = arguments.joint_values(joint)
+    if out is not None:
+        arguments.check_folder(out)
+    with messages.progress() as show:
+        import numpy as np
+
+        from pwralign_kin import dependencies
+        from pwralign_kin.estimation import EstimatorOptions
+        from pwralign_kin.export.tracks import TrackPoint, export_track
+        from pwralign_kin.model import ArticulatedModel
+        from pwralign_kin.scan import FrameOptions, Scan, read_frames
+        from pwralign_kin.state import State
+        from pwralign_kin.tracking import Tracker, TrackerOptions
+
+        if mcap:
+            dependencies.rosbags()
+        start = None if initial is None else State.load(initial)
+        if start is not None:
+            start = State(start.T_scan_base, {**start.joints, **values}, start.base_link)
+        stream = read_frames(
+            frames,
+            FrameOptions(
+                rate=rate,
+                sensor_origin=sensor_origin,
+                intrinsics=intrinsics,
+                depth_scale=depth_scale,
+                T_scan_camera=np.eye(4) if camera is None else arguments.placement(camera),
+                topic=topic,
+            ),
+        )
+        show("reading the model")
+        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        estimator = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
+        tracker = Tracker(model, TrackerOptions(estimator=estimator, time_limit=time_limit), start)
+        tracked: list[TrackedFrame] = []
+        for time, frame in stream:
+            show(f"frame {len(tracked) + 1}")
+            metres = arguments.in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
+            tracked.append(tracker.update(metres, time))
+        written = []
+        if out is not None:
+            points = [TrackPoint(own.time, own.state, own.lost, own.to_dict()) for own in tracked]
+            written = export_track(points, model, out, mcap=mcap)
+    _print(tracked, written, json)
+    confidence = float(np.median([own.confidence for own in tracked])) if tracked else 0.0
+    if confidence >= ENOUGH_CONFIDENCE:
+        return OK
+    messages.say(f"low confidence (median {confidence:.2f}): look at the track before you use it", "warning")
+    return LOW_CONFIDENCE
+
+
+def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], as_json: bool) -> None:
+    if as_json:
+        from json import dumps
+
+        print(dumps([own.to_dict() for own in tracked], indent=1, allow_nan=False))
+        return
+    import numpy as np
+
+    lost, searched = sum(own.lost for own in tracked), sum(own.searched for own in tracked)
+    print(f"{len(tracked)} frames, {lost} of them lost, {searched} searched")
+    if tracked:
+        seconds = [own.seconds for own in tracked if not own.searched]
+        figures = [f"confidence {np.median([own.confidence for own in tracked]):.2f}"]
+        figures += [f"{1e3 * np.median(seconds):.1f} ms a frame"] if seconds else []
+        print(f"median: {', '.join(figures)}")
+        last = tracked[-1]
+        print(f"last frame, at {last.time:.3f} s{' (lost)' if last.lost else ''}:")
+        for name, value in last.state.joints.items():
+            print(f"  {name} {value:.4f}")
+    for path in written:
+        print(f"wrote {path}")

@@ -1,0 +1,417 @@
+#include "tracking.hpp"
+#include <chrono>
+
+namespace pwr {
+
+namespace {
+
+constexpr int64_t most_examined = 65536;      // points of a frame that are looked at
+constexpr int candidates_per_point = 4;       // points around the model that are thinned to one
+constexpr float reach = .03f;                 // a sample nearer to a point is supported, diagonals
+constexpr float occluder_gap = .04f;          // what is nearer to the sensor by more than this hides a sample
+constexpr float depth_edge = .03f;            // neighbouring pixels farther apart may be mixed
+constexpr int judged_samples = 64;            // per part
+constexpr float explained_distance = .02f;    // a point nearer to the model is explained
+constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
+constexpr size_t coarse_stride = 4, middle_stride = 2; // every so many points, in the first iterations and the next
+constexpr double settled = 1e-3;              // rad or diagonals: a smaller change ends the iterations
+constexpr double independent_share = .5;      // of the points
+
+// Rotation vector of B A^T.
+void rotation_between(const double *A, const double *B, double *w) {
+    double R[9];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            R[3 * i + j] = B[3 * i] * A[3 * j] + B[3 * i + 1] * A[3 * j + 1] + B[3 * i + 2] * A[3 * j + 2];
+    w[0] = .5 * (R[7] - R[5]), w[1] = .5 * (R[2] - R[6]), w[2] = .5 * (R[3] - R[1]);
+    const double sine = std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    const double factor = sine > 1e-9 ? std::atan2(sine, .5 * (R[0] + R[4] + R[8] - 1)) / sine : 1;
+    for (int i = 0; i < 3; ++i) w[i] *= factor;
+}
+
+} // namespace
+
+bool HashedCells::any_within(const Vec *points, Vec p, float reach) const {
+    const float limit = reach * reach;
+    const int64_t x0 = coordinate(p.x - reach), x1 = coordinate(p.x + reach), y0 = coordinate(p.y - reach),
+                  y1 = coordinate(p.y + reach), z0 = coordinate(p.z - reach), z1 = coordinate(p.z + reach);
+    for (int64_t x = x0; x <= x1; ++x)
+        for (int64_t y = y0; y <= y1; ++y)
+            for (int64_t z = z0; z <= z1; ++z) {
+                size_t slot;
+                for (int i = head_at(x, y, z, slot); i >= 0; i = next[i]) {
+                    const Vec d = points[i] - p;
+                    if (dot(d, d) <= limit) return true;
+                }
+            }
+    return false;
+}
+
+Tracking::Tracking(const Articulated &model, int points, float cell)
+    : model(model), most_points(points), cell(cell), T(model.parts), F(model.parts), normal(model.parts), twists(6 * model.parts), ranges(range_pixels * range_pixels),
+      thinned(candidates_per_point * points), near(points) {
+    const size_t size = 6 + model.joints;
+    kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
+    candidates.reserve(most_examined), likely.reserve(points);
+    for (int p = 0; p < model.parts; ++p) {
+        const Surface &s = model.surface[p];
+        if (!s.exists) continue;
+        Vec least = s.dense[0].p, most = least;
+        for (const OrientedPoint &d : s.dense) {
+            least = {std::min(least.x, d.p.x), std::min(least.y, d.p.y), std::min(least.z, d.p.z)};
+            most = {std::max(most.x, d.p.x), std::max(most.y, d.p.y), std::max(most.z, d.p.z)};
+        }
+        const Vec rim{s.slack, s.slack, s.slack};
+        bounds.push_back({p, s.radius, s.centre, .5f * (least + most), .5f * (most - least) + rim});
+    }
+    information.resize(size * size), told.resize(size), H.resize(size * size), step.resize(size);
+    reduced.resize(size * size), stopped.resize(model.joints);
+}
+
+void Tracking::place(const Rigid &base, const double *values) {
+    model.forward(base, values, T.data());
+    for (int p = 0; p < model.parts; ++p) F[p] = to_float(T[p]);
+    for (Bounds &b : bounds) b.centre = apply(F[b.part], model.surface[b.part].centre);
+}
+
+void Tracking::expect(const Rigid &base, const double *values, const double *about, double diagonal,
+                      const double *origin, float around) {
+    std::copy(about, about + 3, centre);
+    unit = diagonal, margin = around, has_sensor = origin != nullptr, has_ranges = false;
+    place(base, values);
+    low = {1e30f, 1e30f, 1e30f}, high = {-1e30f, -1e30f, -1e30f};
+    for (const Bounds &b : bounds) {
+        const float r = b.radius + margin;
+        const Vec c = b.centre;
+        low = {std::min(low.x, c.x - r), std::min(low.y, c.y - r), std::min(low.z, c.z - r)};
+        high = {std::max(high.x, c.x + r), std::max(high.y, c.y + r), std::max(high.z, c.z + r)};
+    }
+    candidates.clear(), kept.clear();
+    if (!has_sensor) return;
+    sensor = {float((origin[0] - centre[0]) / unit), float((origin[1] - centre[1]) / unit),
+              float((origin[2] - centre[2]) / unit)};
+    const Vec forward = .5f * (low + high) - sensor;
+    const float distance = norm(forward), radius = .5f * norm(high - low);
+    if (distance < 1.05f * radius) return; // the sensor is within the model's box: no image holds it
+    has_ranges = true;
+    half_width = radius / std::sqrt(distance * distance - radius * radius);
+    const Vec z = (1 / distance) * forward;
+    const Vec aside = std::abs(z.x) < .6f ? Vec{1, 0, 0} : Vec{0, 1, 0};
+    Vec x = cross(aside, z);
+    x = (1 / norm(x)) * x;
+    const Vec y = cross(z, x);
+    const float axes[9] = {x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z};
+    std::copy(axes, axes + 9, view_axes);
+    std::fill(ranges.begin(), ranges.end(), std::numeric_limits<float>::infinity());
+}
+
+namespace {
+
+// Pixel of a direction seen from the sensor, -1 beside the image.
+int pixel_of(const float *axes, float half_width, int pixels, Vec d) {
+    const float z = axes[6] * d.x + axes[7] * d.y + axes[8] * d.z;
+    if (z <= 0) return -1;
+    const float factor = .5f * pixels / (half_width * z);
+    const float u = (axes[0] * d.x + axes[1] * d.y + axes[2] * d.z) * factor + .5f * pixels;
+    const float v = (axes[3] * d.x + axes[4] * d.y + axes[5] * d.z) * factor + .5f * pixels;
+    if (!(u >= 0 && v >= 0 && u < pixels && v < pixels)) return -1;
+    return int(v) * pixels + int(u);
+}
+
+} // namespace
+
+void Tracking::examine(Vec p) {
+    if (has_ranges) {
+        const Vec d = p - sensor;
+        const int pixel = pixel_of(view_axes, half_width, range_pixels, d);
+        if (pixel >= 0) ranges[pixel] = std::min(ranges[pixel], norm(d));
+    }
+    if (p.x >= low.x && p.y >= low.y && p.z >= low.z && p.x <= high.x && p.y <= high.y && p.z <= high.z)
+        candidates.push_back(p);
+}
+
+template <typename Number> void Tracking::look(const Number *points, int64_t count) {
+    const int64_t stride = (count + most_examined - 1) / most_examined;
+    for (int64_t i = 0; i < count; i += stride) {
+        const Number *p = points + 3 * i;
+        const Vec at{float((p[0] - centre[0]) / unit), float((p[1] - centre[1]) / unit),
+                     float((p[2] - centre[2]) / unit)};
+        if (std::isfinite(at.x + at.y + at.z)) examine(at);
+    }
+    settle();
+}
+
+template <typename Number> void Tracking::look(const Number *depth, const PinholeView &view) {
+    // The pixels that can show the box around the model; all of them where it reaches behind the camera.
+    int first_row = 0, last_row = view.height, first_column = 0, last_column = view.width;
+    double left = 1e30, right = -1e30, top = 1e30, bottom = -1e30, nearest = 1e30;
+    const Rigid back = inverse(view.camera);
+    for (int corner = 0; corner < 8; ++corner) {
+        const double p[3] = {(corner & 1 ? high.x : low.x) * unit + centre[0], (corner & 2 ? high.y : low.y) * unit + centre[1],
+                             (corner & 4 ? high.z : low.z) * unit + centre[2]};
+        double c[3];
+        for (int i = 0; i < 3; ++i) c[i] = back.R[3 * i] * p[0] + back.R[3 * i + 1] * p[1] + back.R[3 * i + 2] * p[2] + back.t[i];
+        nearest = std::min(nearest, c[2]);
+        const double x = c[0] / c[2], y = c[1] / c[2], u = view.fx * x + view.skew * y + view.cx, v = view.fy * y + view.cy;
+        left = std::min(left, u), right = std::max(right, u), top = std::min(top, v), bottom = std::max(bottom, v);
+    }
+    if (nearest > 1e-3 * unit) {
+        first_column = int(std::clamp<double>(std::floor(left), 0, view.width));
+        last_column = int(std::clamp<double>(std::ceil(right) + 1, 0, view.width));
+        first_row = int(std::clamp<double>(std::floor(top), 0, view.height));
+        last_row = int(std::clamp<double>(std::ceil(bottom) + 1, 0, view.height));
+    }
+    const int64_t pixels = int64_t(last_row - first_row) * (last_column - first_column);
+    int stride = 1;
+    while (pixels / (int64_t(stride) * stride) > most_examined / 2) ++stride;
+    Rigid in_units = view.camera;
+    for (int i = 0; i < 3; ++i) in_units.t[i] = (in_units.t[i] - centre[i]) / unit;
+    const RigidF camera = to_float(in_units);
+    const float scale = float(view.scale / unit), skew = float(view.skew / (view.fx * view.fy));
+    auto at = [&](int row, int column) { return float(depth[int64_t(row) * view.width + column]) * scale; };
+    for (int row = first_row + stride / 2; row < last_row; row += stride)
+        for (int column = first_column + stride / 2; column < last_column; column += stride) {
+            const float z = at(row, column);
+            if (!(z > 0) || !std::isfinite(z)) continue;
+            auto jumps = [&](int r, int c) {
+                if (r < 0 || c < 0 || r >= view.height || c >= view.width) return false;
+                const float other = at(r, c);
+                return other > 0 && std::abs(other - z) > depth_edge;
+            };
+            // At a depth edge a pixel may lie between both surfaces.
+            if (jumps(row, column - 1) || jumps(row, column + 1) || jumps(row - 1, column) || jumps(row + 1, column)) continue;
+            const float x = float((column - view.cx) / view.fx), y = float((row - view.cy) / view.fy);
+            examine(apply(camera, {z * (x - skew * float(row - view.cy)), z * y, z}));
+        }
+    settle();
+}
+
+template void Tracking::look(const float *, int64_t);
+template void Tracking::look(const double *, int64_t);
+template void Tracking::look(const float *, const PinholeView &);
+template void Tracking::look(const uint16_t *, const PinholeView &);
+
+// Thin the points around the model evenly over the surfaces: the mean of each cell, then every so many.
+void Tracking::settle() {
+    const int most = candidates_per_point * most_points;
+    const int stride = (int(candidates.size()) + most - 1) / most;
+    thinned.clear(cell), sums.clear();
+    for (size_t i = 0; i < candidates.size(); i += stride) {
+        const Vec p = candidates[i];
+        const bool close = std::any_of(bounds.begin(), bounds.end(), [&](const Bounds &b) {
+            const Vec d = p - b.centre;
+            const float r = b.radius + margin;
+            return dot(d, d) <= r * r;
+        });
+        if (!close) continue;
+        size_t slot;
+        const int at = thinned.head(p, slot);
+        if (at >= 0) {
+            sums[at].p = sums[at].p + p, sums[at].count += 1;
+            continue;
+        }
+        thinned.put(slot, p, int(sums.size()));
+        sums.push_back({p, 1});
+    }
+    for (const Sum &sum : sums) kept.push_back((1 / sum.count) * sum.p);
+    if (int(kept.size()) > most_points) {
+        for (int i = 0; i < most_points; ++i) kept[i] = kept[size_t(i) * kept.size() / most_points];
+        kept.resize(most_points);
+    }
+    likely.assign(kept.size(), -1);
+    near.clear(reach);
+    for (size_t i = 0; i < kept.size(); ++i) {
+        size_t slot;
+        near.head(kept[i], slot);
+        near.put(slot, kept[i], int(i));
+    }
+}
+
+bool Tracking::faces_sensor(Vec p, Vec n, float cosine) const {
+    const Vec view = sensor - p;
+    return dot(view, n) > cosine * norm(view);
+}
+
+bool Tracking::is_hidden(Vec p) const {
+    if (!has_ranges) return false;
+    const Vec d = p - sensor;
+    const int pixel = pixel_of(view_axes, half_width, range_pixels, d);
+    return pixel >= 0 && ranges[pixel] < norm(d) - occluder_gap;
+}
+
+// Offer a part to a point: its bounding sphere, its box, then its closest-sample grid.
+bool Tracking::offer(const Bounds &bounds, Vec point, float &distance, int &sample) const {
+    const Vec d = point - bounds.centre;
+    const float limit = bounds.radius + distance;
+    if (dot(d, d) > limit * limit) return false;
+    const Vec local = apply_inverse(F[bounds.part], point), c = local - bounds.middle;
+    const Vec out{std::max(0.f, std::abs(c.x) - bounds.half.x), std::max(0.f, std::abs(c.y) - bounds.half.y),
+                  std::max(0.f, std::abs(c.z) - bounds.half.z)};
+    if (dot(out, out) > distance * distance) return false;
+    float own, aside;
+    const int found = model.surface[bounds.part].closest(local, own, aside);
+    if (found < 0 || own >= distance) return false;
+    distance = own, sample = found;
+    return true;
+}
+
+// The entry of `bounds` whose part is nearest to a point, -1 beyond the cap; the likely one is asked first.
+int Tracking::nearest(Vec point, float cap, int likely, float &distance, int &sample) const {
+    int best = -1;
+    distance = cap;
+    if (likely >= 0 && offer(bounds[likely], point, distance, sample)) best = likely;
+    for (int b = 0; b < int(bounds.size()); ++b)
+        if (b != likely && offer(bounds[b], point, distance, sample)) best = b;
+    return best;
+}
+
+TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
+                          const double *inverse_deviations, float sigma_first, float sigma_last, int iterations,
+                          double seconds) {
+    const auto start = std::chrono::steady_clock::now();
+    const int joints = model.joints, size = 6 + joints;
+    TrackingFit result;
+    bool all = false;
+    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one. The
+    // robust scale is about twice the noise, and neighbouring points share the sensor's error.
+    const double belief = .25 * sigma_last * sigma_last / (independent_share * std::max<size_t>(kept.size(), 1));
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+        if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
+        // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last word.
+        const float progress = std::min(1.f, iteration / std::max(2.f, iterations * .3f));
+        const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress), squared = sigma * sigma;
+        all |= iteration + 1 == iterations;
+        const size_t stride = all ? 1 : progress < 1 ? coarse_stride : middle_stride;
+        const float cap = std::max(3 * sigma + .005f, explained_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
+        int explained = 0;
+        double squares = 0;
+        place(base, values);
+        const Vec about{F[0].t[0], F[0].t[1], F[0].t[2]};
+        std::fill(normal.begin(), normal.end(), Normal());
+        for (size_t i = 0; i < kept.size(); i += stride) {
+            float distance;
+            int sample;
+            likely[i] = nearest(kept[i], cap, likely[i], distance, sample);
+            if (likely[i] < 0) continue;
+            const int p = bounds[likely[i]].part;
+            const OrientedPoint &s = model.surface[p].dense[sample];
+            const Vec n = rotate(F[p], s.n), foot = apply(F[p], s.p);
+            const Vec offset = kept[i] - foot;
+            const float residual = dot(offset, n), kernel = squared / (squared + distance * distance);
+            // No sensor sees a surface's back; but a point that stands out beyond it shows where the outline is.
+            if (has_sensor && residual < 0 && !faces_sensor(foot, n, -.1f)) continue;
+            if (distance < explained_distance) ++explained, squares += double(distance) * distance;
+            const float w = weight * kernel * kernel;
+            normal[p].add_plane(foot - about, n, residual, w);
+            // Beyond an edge of the surface the distance has a part along the surface too.
+            const Vec along = offset - residual * n;
+            const float length = norm(along), aside = length - model.surface[p].slack;
+            if (aside > 0) normal[p].add_plane(foot - about, (1 / length) * along, aside, w);
+        }
+        for (Normal &part : normal) part.mirror();
+        std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
+        model.joint_twists(T.data(), T[0].t, twists.data());
+        model.compose(normal.data(), twists.data(), H.data(), step.data());
+        for (int i = 0; i < 6; ++i) {
+            step[i] += normal[0].g[i];
+            for (int j = 0; j < 6; ++j) H[i * size + j] += normal[0].H[6 * i + j];
+        }
+        double off[6];
+        rotation_between(base.R, predicted.R, off);
+        for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];
+        for (int i = 0; i < size; ++i) {
+            const double share = belief * inverse_deviations[i] * inverse_deviations[i];
+            double apart = i < 6 ? off[i] : predicted_values[i - 6] - values[i - 6];
+            if (i >= 6 && model.wraps[i - 6]) apart = std::remainder(apart, model.upper[i - 6] - model.lower[i - 6]);
+            told[i] = H[i * (size + 1)] / (H[i * (size + 1)] + share);
+            H[i * (size + 1)] += share, step[i] += share * apart;
+        }
+        for (int i = 0; i < size * size; ++i) information[i] = H[i] / belief;
+        solve(values);
+        double largest = 0;
+        for (int j = 0; j < joints; ++j) {
+            const double change = std::clamp(step[6 + j], -.35, .35), least = model.lower[j], most = model.upper[j];
+            double &value = values[j];
+            value += change;
+            if (model.wraps[j]) value -= (most - least) * std::floor((value - least) / (most - least));
+            else value = std::clamp(value, least, most);
+            largest = std::max(largest, std::abs(change));
+        }
+        largest = std::max(largest, retract(base, step.data(), .35));
+        ++result.iterations;
+        result.coverage = explained * weight;
+        result.rmse = explained ? float(std::sqrt(squares / explained)) : 0.f;
+        if (progress < 1 || largest >= settled) continue;
+        if (all) break;
+        all = true;
+    }
+    orthonormalise(base.R);
+    int close = 0;
+    for (size_t i = 0; i < kept.size(); ++i) {
+        float distance;
+        int sample;
+        close += likely[i] >= 0 || nearest(kept[i], close_distance, -1, distance, sample) >= 0;
+    }
+    result.agreement = close ? std::min(1.f, result.coverage * float(kept.size()) / close) : 0.f;
+    return result;
+}
+
+// Solve H step = step; joints that leave their limits stop there, and the others are solved for again.
+void Tracking::solve(const double *values) {
+    const int joints = model.joints, size = 6 + joints;
+    std::fill(stopped.begin(), stopped.end(), 0);
+    right = step;
+    for (int attempt = 0; attempt < 3; ++attempt) {
+        reduced = H, step = right;
+        for (int j = 0; j < joints; ++j) {
+            if (!stopped[j]) continue;
+            const int at = 6 + j;
+            const double rest = (stopped[j] == 1 ? model.lower[j] : model.upper[j]) - values[j];
+            for (int i = 0; i < size; ++i) {
+                if (i != at) step[i] -= H[i * size + at] * rest;
+                reduced[i * size + at] = reduced[at * size + i] = 0;
+            }
+            reduced[at * size + at] = 1;
+        }
+        for (int j = 0; j < joints; ++j)
+            if (stopped[j]) step[6 + j] = (stopped[j] == 1 ? model.lower[j] : model.upper[j]) - values[j];
+        if (!solve_spd(reduced.data(), step.data(), size)) {
+            std::fill(step.begin(), step.end(), 0.);
+            return;
+        }
+        bool again = false;
+        for (int j = 0; j < joints; ++j) {
+            if (stopped[j] || model.wraps[j]) continue;
+            const double value = values[j] + step[6 + j];
+            if (value < model.lower[j] - 1e-9) stopped[j] = 1, again = true;
+            if (value > model.upper[j] + 1e-9) stopped[j] = 2, again = true;
+        }
+        if (!again) return;
+    }
+}
+
+TrackingSupport Tracking::support(const Rigid &base, const double *values) {
+    place(base, values);
+    TrackingSupport out;
+    double total = 0, supported = 0, hidden = 0;
+    for (int p = 0; p < model.parts; ++p) {
+        const Surface &s = model.surface[p];
+        if (!s.exists) continue;
+        const int count = s.count(judged_samples);
+        for (int i = 0; i < count; ++i) {
+            const Vec x = apply(F[p], s.p[i]);
+            if (has_sensor && !faces_sensor(x, rotate(F[p], s.n[i]), .2f)) continue;
+            const double w = double(s.weight) * s.w[i] / s.cumulated[count];
+            total += w;
+            if (near.any_within(kept.data(), x, reach)) supported += w;
+            else if (is_hidden(x)) hidden += w;
+        }
+    }
+    if (total > 0) {
+        out.visible = float(1 - hidden / total);
+        if (total > hidden) out.supported = float(supported / (total - hidden));
+    }
+    return out;
+}
+
+} // namespace pwr

@@ -1,0 +1,134 @@
+// One model followed from frame to frame: few points, no field of the scan, no memory taken once the first frames have
+// shown how much is needed.
+#pragma once
+#include "articulated.hpp"
+#include <limits>
+
+namespace pwr {
+
+// Positions sorted into the cells of an unbounded grid by hashing; cleared in no time.
+class HashedCells {
+  public:
+    explicit HashedCells(int most) {
+        size_t size = 16;
+        while (size < 2 * size_t(most)) size *= 2;
+        keys.resize(size), heads.resize(size), stamps.assign(size, 0);
+        next.resize(most);
+    }
+    void clear(float size) { cell = size, ++stamp; }
+    // The last point put into the cell of p, or -1; `slot` is where it is or would be.
+    int head(Vec p, size_t &slot) const { return head_at(coordinate(p.x), coordinate(p.y), coordinate(p.z), slot); }
+    void put(size_t slot, Vec p, int point) {
+        const uint64_t own = pack(coordinate(p.x), coordinate(p.y), coordinate(p.z));
+        next[point] = stamps[slot] == stamp ? heads[slot] : -1;
+        keys[slot] = own, heads[slot] = point, stamps[slot] = stamp;
+    }
+    // Whether a point lies within `reach` (at most the cell size) of p.
+    bool any_within(const Vec *points, Vec p, float reach) const;
+
+  private:
+    int64_t coordinate(float v) const { return int64_t(std::floor(v / cell)); }
+    static uint64_t pack(int64_t x, int64_t y, int64_t z) {
+        const int64_t bias = 1 << 20;
+        return (uint64_t(x + bias) << 42) | (uint64_t(y + bias) << 21) | uint64_t(z + bias);
+    }
+    int head_at(int64_t x, int64_t y, int64_t z, size_t &slot) const {
+        const uint64_t own = pack(x, y, z);
+        uint64_t mixed = own * 0x9E3779B97F4A7C15ull;
+        slot = (mixed ^ (mixed >> 32)) & (keys.size() - 1);
+        while (stamps[slot] == stamp && keys[slot] != own) slot = (slot + 1) & (keys.size() - 1);
+        return stamps[slot] == stamp ? heads[slot] : -1;
+    }
+    std::vector<uint64_t> keys;
+    std::vector<int> heads, next;
+    std::vector<uint32_t> stamps;
+    uint32_t stamp = 0;
+    float cell = 1;
+};
+
+// A depth image as it comes: distances along the optical axis in units of `scale` m.
+struct PinholeView {
+    double fx, fy, cx, cy, skew, scale;
+    Rigid camera; // in the scan frame, m
+    int height, width;
+};
+
+struct TrackingFit {
+    int iterations = 0;
+    float coverage = 0;  // share of the points that the model explained in the last iteration
+    float agreement = 0; // the same of the points that are close to the model
+    float rmse = 0;      // of the explained points' distances
+};
+
+// What the frame shows of the surface that faces the sensor, in shares of it.
+struct TrackingSupport {
+    float visible = 0;   // not behind something else
+    float supported = 0; // of the visible: at a point of the frame
+};
+
+class Tracking {
+  public:
+    // At most `points` points of a frame are used, one for each cell of size `cell`.
+    Tracking(const Articulated &model, int points, float cell);
+
+    // Begin a frame in which the model is expected at a configuration; what is farther than `margin` is not looked at.
+    // Lengths are model diagonals about `centre` (m), `unit` is the diagonal (m), `sensor` (m) may be null.
+    void expect(const Rigid &base, const double *values, const double *centre, double unit, const double *sensor,
+                float margin);
+    template <typename Number> void look(const Number *points, int64_t count);
+    template <typename Number> void look(const Number *depth, const PinholeView &view);
+    // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
+    // standard deviations one over `inverse_deviations` (6 + joints) in the predicted configuration.
+    TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
+                    const double *inverse_deviations, float sigma_first, float sigma_last, int iterations,
+                    double seconds);
+    TrackingSupport support(const Rigid &base, const double *values);
+
+    const Articulated &model;
+    std::vector<Vec> kept;            // the points of the frame that are used
+    std::vector<double> information;  // (6 + joints)^2 of the last iteration of `fit`, the belief included
+    std::vector<double> told;         // (6 + joints) share of its diagonal that the frame, not the belief, gave
+
+  private:
+    struct Bounds {
+        int part;
+        float radius;
+        Vec centre;       // of the sphere, as placed
+        Vec middle, half; // of the box, in the part's frame
+    };
+    void examine(Vec p);
+    void settle();
+    void place(const Rigid &base, const double *values);
+    bool offer(const Bounds &bounds, Vec point, float &distance, int &sample) const;
+    int nearest(Vec point, float cap, int likely, float &distance, int &sample) const;
+    bool faces_sensor(Vec p, Vec n, float cosine) const;
+    bool is_hidden(Vec p) const;
+    void solve(const double *values);
+
+    static constexpr int range_pixels = 64;
+    const int most_points;
+    const float cell;
+    std::vector<Rigid> T;
+    std::vector<RigidF> F;
+    std::vector<Bounds> bounds; // of the parts that have a surface
+    std::vector<Normal> normal;
+    std::vector<double> twists, H, step, right, reduced;
+    std::vector<uint8_t> stopped; // joints that the solution of one step drives into a limit
+    // The frame.
+    double centre[3] = {0, 0, 0}, unit = 1;
+    float margin = 0;
+    bool has_sensor = false, has_ranges = false;
+    Vec sensor{0, 0, 0}, low{0, 0, 0}, high{0, 0, 0};
+    float view_axes[9] = {}, half_width = 1;
+    std::vector<float> ranges; // nearest measured distance per pixel of a coarse image from the sensor
+    struct Sum {
+        Vec p;
+        float count;
+    };
+    std::vector<Vec> candidates;
+    std::vector<Sum> sums; // of the candidates of each cell
+    std::vector<int> likely; // where in `bounds` the last iteration found the nearest part of each point
+    HashedCells thinned, near;
+};
+
+} // namespace pwr

@@ -1,0 +1,57 @@
+"""A depth image as a sensor gives it: for streams, where making a whole `Scan` of each costs too much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan.scan import Scan, checked_intrinsics
+from pwralign_kin.se3 import Array, checked_placement
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """A depth image and its pinhole camera.
+
+    Raises `ScanError` for wrong shapes or numbers, `StateError` for a `T_scan_camera` that is not rigid.
+    """
+
+    depth: NDArray[Any]
+    """(h, w) distance along the optical axis: floats in m, or integers in units of `scale`; 0: no return."""
+
+    intrinsics: Array
+    """(3, 3) matrix K, or (fx, fy, cx, cy), pixels; becomes the matrix."""
+
+    T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
+    """(4, 4) placement of the camera (x right, y down, z forward) in the scan frame, m."""
+
+    scale: float = 1.0
+    """m per unit of `depth`; 0.001 for millimetres."""
+
+    source: Path | str = "depth image"
+    """The file, or a word for the array."""
+
+    def __post_init__(self) -> None:
+        """Check the fields; floats become single precision, integers 16 bits."""
+        depth = np.asarray(self.depth)
+        if depth.ndim != 2 or depth.dtype.kind not in "fiu" or depth.size == 0:
+            raise ScanError(
+                self.source, f"depth must be a numeric image (h, w), got shape {depth.shape} of {depth.dtype}"
+            )
+        if not (np.isfinite(self.scale) and self.scale > 0.0):
+            raise ScanError(self.source, f"the scale of the depth must be positive, got {self.scale}")
+        compact = depth.dtype if depth.dtype in (np.uint16, np.float32) else np.dtype(np.float32)
+        object.__setattr__(self, "depth", np.ascontiguousarray(depth, compact))
+        object.__setattr__(self, "intrinsics", checked_intrinsics(self.intrinsics, str(self.source)))
+        object.__setattr__(self, "T_scan_camera", checked_placement(self.T_scan_camera, "T_scan_camera"))
+
+    def to_scan(self) -> Scan:
+        """Return the points of all pixels with a return. Raises `ScanError` where there are too few."""
+        return Scan.from_depth(
+            self.depth, self.intrinsics, self.T_scan_camera, depth_scale=self.scale, source=self.source
+        )

@@ -1,0 +1,173 @@
+"""Streams of frames from files: scans, depth images, recorded sequences and ROS 2 bags."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan import readers
+from pwralign_kin.scan.depth import DepthFrame
+from pwralign_kin.scan.scan import Scan, checked_intrinsics
+from pwralign_kin.se3 import Array
+
+TimedFrame = tuple[float, Scan | DepthFrame]
+"""A time (s) and what was seen then."""
+
+BAG_SUFFIXES = (".mcap", ".db3")
+_SECONDS = re.compile(r"\d+\.\d+")
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """What files do not tell of themselves."""
+
+    rate: float = 30.0
+    """Frames per second of files whose names and contents tell no times."""
+    sensor_origin: ArrayLike | None = None
+    """(3,) where point clouds were seen from, in their unit."""
+    intrinsics: ArrayLike | None = None
+    """(3, 3), or (fx, fy, cx, cy), pixels, of depth images."""
+    depth_scale: float = 0.001
+    """m per unit of integer depth images."""
+    T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
+    """(4, 4) placement of the camera of depth images in the scan frame, m."""
+    topic: str | None = None
+    """Of a bag: the topic with PointCloud2 or depth Image messages; None: the only one."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not (np.isfinite(self.rate) and self.rate > 0.0):
+            raise ScanError("frames", f"the rate must be a positive number of frames per second, not {self.rate}")
+
+
+def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None) -> Iterator[TimedFrame]:
+    """Yield the frames of files with their times (s), one at a time; point clouds in the unit of their file.
+
+    `paths` are scan files (see `Scan.load`) and depth images (16-bit PNG, `intrinsics` needed), or one folder of them
+    in natural order of their names, or one recorded sequence, or one ROS 2 bag (a folder, or a .mcap or .db3 file;
+    needs the ros extra). Files whose names are all times in seconds with a decimal point (1305031102.175304.png) have
+    these times; others follow each other at `rate`.
+
+    A sequence is an .npz with `time` (f,) (else the rate) and either
+
+    - `depth` (f, h, w), `intrinsics` (3, 3) or (4,), and optionally `depth_scale` (m per unit of integers) and
+      `T_scan_camera` (4, 4); or
+    - `points` (n, 3) of all frames one after the other, `counts` (f,) points of each, and optionally `sensor_origin`
+      (3,) or (f, 3).
+
+    Raises `ScanError` naming the file and the cause; `DependencyError` for a bag without the extra.
+    """
+    own = options or FrameOptions()
+    given = [Path(path) for path in paths]
+    if len(given) == 1:
+        only = given[0]
+        if _is_bag(only):
+            from pwralign_kin.scan.bags import read_bag
+
+            return read_bag(only, own)
+        if only.is_dir():
+            return _files(_in_folder(only), own)
+        if only.suffix.lower() == ".npz" and only.exists():
+            archive = readers.numpy_content(only.read_bytes(), only, b"PK")
+            if {"counts", "depth"} & set(archive.files):
+                return _sequence(archive, only, own)
+    if not given:
+        raise ScanError("frames", "no files given")
+    return _files(given, own)
+
+
+def _is_bag(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file() or path.suffix.lower() in BAG_SUFFIXES
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    """Return the scans or depth images in a folder, 2 before 10."""
+    valid = {*readers.SUFFIXES, ".png"}
+    found = [path for path in folder.iterdir() if path.suffix.lower() in valid and not path.name.startswith(".")]
+    if not found:
+        raise ScanError(folder, f"no frames in this folder: no file ends in {' '.join(sorted(valid))}")
+    kinds = sorted({path.suffix.lower() for path in found})
+    if len(kinds) > 1:
+        raise ScanError(folder, f"files of several kinds ({' '.join(kinds)}): name the frames one by one")
+    if all(_SECONDS.fullmatch(path.stem) for path in found):
+        return sorted(found, key=lambda path: float(path.stem))
+    return sorted(found, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return what sorts 2 before 10."""
+    return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", path.name)]
+
+
+def _files(paths: Sequence[Path], options: FrameOptions) -> Iterator[TimedFrame]:
+    timed = all(_SECONDS.fullmatch(path.stem) for path in paths)
+    for index, path in enumerate(paths):
+        time = float(path.stem) if timed else index / options.rate
+        if path.suffix.lower() == ".png":
+            yield time, _depth_image(path, options)
+        else:
+            yield time, Scan.load(path, sensor_origin=options.sensor_origin)
+
+
+def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
+    from PIL import Image, UnidentifiedImageError
+
+    if options.intrinsics is None:
+        raise ScanError(path, "a depth image needs the intrinsics of its camera: fx fy cx cy, pixels")
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            mode = image.mode
+            depth = np.asarray(image)
+    except FileNotFoundError:
+        raise ScanError(path, "no such file") from None
+    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+        raise ScanError(path, f"not a readable PNG image: {error}") from None
+    if not mode.startswith("I"):
+        raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
+    intrinsics = checked_intrinsics(options.intrinsics, str(path))
+    return DepthFrame(depth.astype(np.uint16), intrinsics, options.T_scan_camera, options.depth_scale, path)
+
+
+def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[TimedFrame]:
+    """Yield the frames of an .npz."""
+    arrays = {name: readers.member(archive, name, path) for name in archive.files}
+    count = len(arrays["depth" if "depth" in arrays else "counts"])
+    times = arrays.get("time", np.arange(count) / options.rate)
+    if times.shape != (count,) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise ScanError(path, f"time must hold {count} increasing numbers")
+    frames = _depths(arrays, path, options) if "depth" in arrays else _clouds(arrays, path, options)
+    yield from zip(times.astype(float).tolist(), frames, strict=True)
+
+
+def _depths(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[DepthFrame]:
+    depth, intrinsics = arrays["depth"], arrays.get("intrinsics", options.intrinsics)
+    if depth.ndim != 3:
+        raise ScanError(path, f"depth must have the shape (f, h, w), got {depth.shape}")
+    if intrinsics is None:
+        raise ScanError(path, "no array named intrinsics: fx fy cx cy or a 3x3 camera matrix, pixels")
+    intrinsics = checked_intrinsics(intrinsics, str(path))
+    integers = depth.dtype.kind in "iu"
+    scale = float(arrays.get("depth_scale", options.depth_scale if integers else 1.0))
+    T_scan_camera = arrays.get("T_scan_camera", options.T_scan_camera)
+    for index, image in enumerate(depth):
+        yield DepthFrame(image, intrinsics, T_scan_camera, scale, f"{path}: frame {index}")
+
+
+def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[Scan]:
+    counts, points = arrays["counts"], arrays.get("points")
+    if points is None or points.ndim != 2 or counts.ndim != 1 or counts.dtype.kind not in "iu":
+        raise ScanError(path, "points (n, 3) of all frames and counts (f,) of each are needed")
+    if (counts < 0).any() or counts.sum() != len(points):
+        raise ScanError(path, f"the counts add up to {counts.sum()}, but there are {len(points)} points")
+    origin = arrays.get("sensor_origin", options.sensor_origin)
+    ends = np.cumsum(counts)
+    for index, end in enumerate(ends):
+        own = origin[index] if isinstance(origin, np.ndarray) and origin.ndim == 2 else origin
+        yield Scan(points[end - counts[index] : end], sensor_origin=own, source=f"{path}: frame {index}")

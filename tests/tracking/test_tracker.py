@@ -1,0 +1,162 @@
+"""Following a model through a stream: accuracy, loss and recovery, the same bits again."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
+from pwralign_kin.se3 import exp, inverse, rotation_angle
+from pwralign_kin.simulation import SimulatedFrame
+from pwralign_kin.tracking import Frame
+from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.tracker import PATIENCE
+
+Frames = list[SimulatedFrame]
+
+
+def _errors(arm: pk.ArticulatedModel, found: pk.State, true: pk.State) -> tuple[float, float]:
+    """Largest joint error (degrees) and base error (share of the diagonal)."""
+    joints = np.abs(arm.values(found.joints) - arm.values(true.joints)).max()
+    shift = np.linalg.norm((found.T_scan_base - true.T_scan_base)[:3, 3])
+    return float(np.degrees(joints)), float(shift / arm.diagonal)
+
+
+def _blank(frame: SimulatedFrame) -> pk.DepthFrame:
+    image = frame.images[0]
+    return replace(image, depth=np.zeros_like(image.depth))
+
+
+def test_follows_a_moving_model_from_a_known_start(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    for frame in moving:
+        tracked = tracker.update(frame.images[0], frame.time)
+        joints, base = _errors(arm, tracked.state, frame.state)
+        assert joints < 1.5 and base < 0.005
+        assert not tracked.lost and not tracked.searched and tracked.confidence > 0.7
+        assert 100 < tracked.points <= tracker.options.points and tracked.seconds > 0.0
+
+
+def test_scans_and_bare_points_serve_as_frames(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    def frame_of(kind: str, image: pk.DepthFrame) -> Frame:
+        scan = image.to_scan()
+        return scan if kind == "scan" else scan.points.astype(np.float32 if kind == "single" else np.float64)
+
+    for kind in ("scan", "single", "double"):
+        tracker = pk.Tracker(arm, initial=moving[0].state)
+        for frame in moving[:6]:
+            tracked = tracker.update(frame_of(kind, frame.images[0]), frame.time)
+        assert _errors(arm, tracked.state, frame.state)[0] < 2.0, kind
+        assert not tracked.lost
+
+
+def test_integer_depth_is_the_same_as_metres(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    image = moving[0].images[0]
+    integer = replace(image, depth=np.round(image.depth * 10_000).astype(np.uint16), scale=1e-4)
+    states = [pk.Tracker(arm, initial=moving[0].state).update(one, 0.0).state for one in (image, integer)]
+    np.testing.assert_allclose(states[0].T_scan_base, states[1].T_scan_base, atol=1e-3)
+
+
+def test_is_found_without_a_guess_and_again_after_it_was_hidden(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm)
+    first = tracker.update(moving[0].images[0], 0.0)
+    assert first.searched and not first.lost and _errors(arm, first.state, moving[0].state)[0] < 3.0
+    seen = [tracker.update(frame.images[0], frame.time) for frame in moving[1:8]]
+    hidden = [tracker.update(_blank(frame), frame.time) for frame in moving[8:22]]
+    assert [frame.lost for frame in hidden] == [index + 1 >= PATIENCE for index in range(len(hidden))]
+    assert all(frame.confidence == 0.0 and frame.points == 0 for frame in hidden)
+    # It goes on a little, and comes to rest.
+    moves = [_errors(arm, one.state, other.state)[0] for one, other in pairwise(hidden)]
+    assert moves[-1] < 0.1 and _errors(arm, hidden[-1].state, seen[-1].state)[0] < 20.0
+    again = [tracker.update(frame.images[0], frame.time) for frame in moving[22:]]
+    assert not again[-1].lost
+    assert _errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
+
+
+def test_other_things_in_view_are_not_the_model(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    board = replace(moving[0].images[0], depth=np.full_like(moving[0].images[0].depth, 0.4))
+    for index in range(1, 1 + PATIENCE):
+        tracked = tracker.update(board, index / 30)
+    assert tracked.lost and tracker.lost
+
+
+def test_the_same_frames_give_the_same_bits_at_any_number_of_threads(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracks = []
+    for threads in (1, 2):
+        tracker = pk.Tracker(arm, pk.TrackerOptions(estimator=pk.EstimatorOptions(threads=threads)))
+        tracks.append([tracker.update(frame.images[0], frame.time).state for frame in moving[:4]])
+    for one, other in zip(*tracks, strict=True):
+        assert one.joints == other.joints
+        assert np.array_equal(one.T_scan_base, other.T_scan_base)
+
+
+def test_with_a_time_limit_a_lost_model_is_searched_for_beside_the_frames(
+    arm: pk.ArticulatedModel, moving: Frames
+) -> None:
+    tracker = pk.Tracker(arm, pk.TrackerOptions(time_limit=0.05))
+    image = moving[0].images[0]
+    for index in range(2000):
+        tracked = tracker.update(image, 0.01 * index)
+        if not tracked.lost:
+            break
+        time.sleep(0.01)
+    assert tracked.searched and _errors(arm, tracked.state, moving[0].state)[0] < 3.0
+
+
+def test_locked_joints_and_limits_are_kept(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    options = pk.TrackerOptions(estimator=pk.EstimatorOptions(locked=("elbow",)))
+    start = moving[0].state
+    tracker = pk.Tracker(arm, options, start)
+    for frame in moving[:5]:
+        tracked = tracker.update(frame.images[0], frame.time)
+    assert tracked.state.joints["elbow"] == pytest.approx(start.joints["elbow"], abs=1e-12)
+    beyond = pk.State(start.T_scan_base, {**start.joints, "shoulder": 5.0})
+    shoulder = pk.Tracker(arm, initial=beyond).update(moving[0].images[0], 0.0).state.joints["shoulder"]
+    assert shoulder <= arm.upper[0]
+
+
+def test_covariance_tells_what_the_frame_does_not(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, pk.TrackerOptions(covariance=True), moving[0].state)
+    covariance = tracker.update(moving[0].images[0], 0.0).covariance
+    assert covariance is not None and covariance.shape == (8, 8)
+    std = np.sqrt(np.diag(covariance))
+    assert (std[:3] < 0.02).all() and (std[3:6] < 0.01 * arm.diagonal).all() and (std[6:] < 0.05).all()
+    assert tracker.update(_blank(moving[1]), 0.1).covariance is None
+
+
+def test_faults(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    with pytest.raises(StateError, match="time limit"):
+        pk.TrackerOptions(time_limit=0.0)
+    with pytest.raises(StateError, match="100 points"):
+        pk.TrackerOptions(points=3)
+    with pytest.raises(UnknownNameError, match="elbow"):
+        pk.Tracker(arm, pk.TrackerOptions(estimator=pk.EstimatorOptions(locked=("elbov",))))
+    with pytest.raises(UnknownNameError):
+        pk.Tracker(arm, initial=pk.State(joints={"wrist": 1.0}))
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 1.0)
+    with pytest.raises(ScanError, match="not later"):
+        tracker.update(moving[1].images[0], 1.0)
+    with pytest.raises(ScanError, match=r"points \(n, 3\)"):
+        tracker.update(np.zeros((5, 2)), 2.0)
+
+
+def test_motion_goes_on_as_fast_as_it_went() -> None:
+    twist, speeds = np.array([0.3, -0.2, 0.5, 0.1, 0.2, -0.1]), np.array([0.7, -0.4])
+    motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
+    for index in range(1, 40):
+        expected = motion.predicted(index / 30)
+        true = Motion(0.0, np.eye(4), np.zeros(2), twist, speeds, 0.0).predicted(index / 30)
+        motion = expected.corrected(true.T, true.values, np.ones(8), np.full(2, np.inf), motion)
+    np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
+    np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
+    ahead = motion.predicted(motion.time + 0.1)
+    moved = exp(0.1 * twist)[:3, :3]
+    assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
