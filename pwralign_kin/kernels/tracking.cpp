@@ -14,7 +14,7 @@ constexpr int judged_samples = 64;            // per part
 constexpr float explained_distance = .02f;    // a point nearer to the model is explained
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
 constexpr size_t coarse_stride = 4, middle_stride = 2; // every so many points, in the first iterations and the next
-constexpr double settled = 1e-3;              // rad or diagonals: a smaller change ends the iterations
+constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
 constexpr double independent_share = .5;      // of the points
 
 // Rotation vector of B A^T.
@@ -328,20 +328,21 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         }
         for (int i = 0; i < size * size; ++i) information[i] = H[i] / belief;
         solve(values);
-        double largest = 0;
+        // What the step gains, in variances of the answer (the squared Newton decrement).
+        double gain = 0;
+        for (int i = 0; i < size; ++i) gain += right[i] * step[i] / belief;
         for (int j = 0; j < joints; ++j) {
             const double change = std::clamp(step[6 + j], -.35, .35), least = model.lower[j], most = model.upper[j];
             double &value = values[j];
             value += change;
             if (model.wraps[j]) value -= (most - least) * std::floor((value - least) / (most - least));
             else value = std::clamp(value, least, most);
-            largest = std::max(largest, std::abs(change));
         }
-        largest = std::max(largest, retract(base, step.data(), .35));
+        retract(base, step.data(), .35);
         ++result.iterations;
         result.coverage = explained * weight;
         result.rmse = explained ? float(std::sqrt(squares / explained)) : 0.f;
-        if (progress < 1 || largest >= settled) continue;
+        if (progress < 1 || gain >= settled * size) continue;
         if (all) break;
         all = true;
     }

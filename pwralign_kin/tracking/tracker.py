@@ -134,6 +134,7 @@ class _Fit:
 class _Usual:
     """How the model fits when it is found."""
 
+    coverage: float
     agreement: float
     support: float
     sigma: float
@@ -149,6 +150,7 @@ class _Usual:
         """Return the usual after another good fit."""
         return replace(
             self,
+            coverage=self.coverage + FORGETTING * (fit.coverage - self.coverage),
             agreement=self.agreement + FORGETTING * (fit.agreement - self.agreement),
             support=self.support + FORGETTING * (fit.support - self.support),
             sigma=self.sigma + FORGETTING * (_sigma(fit) - self.sigma),
@@ -238,7 +240,7 @@ class Tracker:
         self._motion = motion
         fit = self._fitted(frame, motion, 2 * LEAST_SIGMA, np.inf, wide=True)
         if min(fit.coverage, fit.support) >= CLEAR:
-            self._usual = _Usual(fit.agreement, fit.support, _sigma(fit), 1.0)
+            self._usual = _Usual(fit.coverage, fit.agreement, fit.support, _sigma(fit), 1.0)
         return motion, fit
 
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
@@ -353,10 +355,11 @@ class Tracker:
         if self._usual is not None:
             sure = answer.confidence >= SURE
             in_vain = self._wait == MOST_WAIT
-            if not (sure and in_vain) and self._usual.quality(fit) < (LOST if sure else FOUND):
+            quality = min(self._usual.quality(fit), fit.coverage / self._usual.coverage)
+            if not (sure and in_vain) and quality < (LOST if sure else FOUND):
                 return None
         self._motion = start
-        self._usual = _Usual(fit.agreement, fit.support, _sigma(fit), answer.confidence)
+        self._usual = _Usual(fit.coverage, fit.agreement, fit.support, _sigma(fit), answer.confidence)
         return fit
 
     def _take(self, fit: _Fit, before: Motion, searched: bool) -> None:
