@@ -117,10 +117,7 @@ def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np
         np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
     )
     hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
-    base_moves = (hangs @ points > 0.5 * points.sum()).astype(np.uint8)
-    return Candidates(
-        *search.native.sweep(final.bases, final.values, np.zeros(count, np.int32), joints, base_moves, MODES)
-    )
+    return search.swept(final, joints, hangs @ points > 0.5 * points.sum(), MODES)
 
 
 def _departures(

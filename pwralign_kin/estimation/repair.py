@@ -204,10 +204,9 @@ def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
     alone = np.tile(np.arange(joints, dtype=np.int32), 2)
     first, second = _compound_joints(search)
     joint, with_joint = np.concatenate([alone, first]), np.concatenate([np.full_like(alone, -1), second])
-    base_moves = np.zeros(len(joint), np.uint8)
-    base_moves[joints : 2 * joints] = 1
-    none = np.zeros(len(joint), np.int32)
-    return Candidates(*search.native.sweep(solution.bases, solution.values, none, joint, base_moves, with_joint, 3))
+    base_moves = np.zeros(len(joint), bool)
+    base_moves[joints : 2 * joints] = True
+    return search.swept(solution, joint, base_moves, 3, with_joint)
 
 
 def _compound_joints(search: TreeSearch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

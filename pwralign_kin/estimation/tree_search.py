@@ -233,6 +233,27 @@ class TreeSearch:
         weights = np.tile(self.weights, (count, 1))
         return Candidates(*self.native.regrow(bases, values, each, root, root - 1, weights, keep))
 
+    def swept(
+        self,
+        candidate: Candidates,
+        joints: Ints,
+        base_moves: NDArray[np.bool_],
+        keep: int,
+        with_joints: Ints | None = None,
+    ) -> Candidates:
+        """Return the best `keep` values of each of `joints` in turn, all else as in `candidate` (one), with scores.
+
+        What hangs on the joint moves, or all the rest where `base_moves`. A joint of `with_joints`, further out, is
+        swept together with the first in steps twice as long; -1: none.
+        """
+        together = np.full_like(joints, -1) if with_joints is None else with_joints
+        return Candidates(
+            *self.native.sweep(
+                candidate.bases, candidate.values, np.zeros_like(joints), joints, base_moves.astype(np.uint8),
+                together, keep,
+            )
+        )  # fmt: skip
+
     def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part."""
         total, _, support = self._score(candidates, distance or self.options.coverage_distance)
