@@ -156,7 +156,9 @@ class Estimator:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
         reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
-        if options.region is None and not is_scene(scan, model.diagonal, reach, options.scene):
+        if options.region is None and not is_scene(
+            scan, model.diagonal, reach, options.scene, options.observation, self.threads
+        ):
             return observe(scan, model.diagonal, options.observation, self.threads)
         box = self._searched_box(initial, reach)
         return observe_scene(

@@ -261,19 +261,31 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
 
 def _without_wide_plane(points: Float, options: ObservationOptions, threads: int) -> Float:
     """Remove the dominant plane if it is wider than any model face can be."""
+    plane = wide_plane(points, options, options.plane_spread, threads)
+    if plane is None:
+        return points
+    centre, normal = plane
+    return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > 1.2 * options.plane_tolerance])
+
+
+def wide_plane(
+    points: Float, options: ObservationOptions, least_spread: float, threads: int
+) -> tuple[Float, Float] | None:
+    """Return centre and normal of the dominant plane, if it holds enough of the points and is wide enough.
+
+    It is if their standard deviation is `least_spread` along both of its directions.
+    """
     coarse, _, _ = kernels.voxel_means(points, 2 * options.voxel)
     normals = kernels.local_planes(coarse, 6 * options.voxel, threads)[0]
     x, y, z, offset, inliers = kernels.dominant_plane(coarse, normals, options.plane_tolerance, 300, 0)
     if inliers < options.plane_share * len(coarse):
-        return points
+        return None
     normal = np.array([x, y, z], np.float32)
     on_plane = coarse[np.abs(coarse @ normal - offset) < options.plane_tolerance]
     # A least-squares plane through the inliers of the minimal sample, which is only as good as one normal.
     centre = on_plane.mean(axis=0)
     _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
-    if singular[1] / np.sqrt(len(on_plane)) < options.plane_spread:
-        return points
-    return np.ascontiguousarray(points[np.abs((points - centre) @ axes[2]) > 1.2 * options.plane_tolerance])
+    return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
 
 
 def _without_strays(points: Float, options: ObservationOptions) -> tuple[Float, float]:

@@ -36,9 +36,12 @@ class SceneOptions:
     """How the model is found among other things. Lengths in model diagonals."""
 
     reaches: float = 1.3
-    """A scan wider than this many times the model's largest extent is a scene."""
+    """A scan wider than this many times the model's largest extent (strays aside) is a scene."""
     reaches_unseen: float = 3.0
     """The same for scans without a sensor origin, which tell less of what is in the way of what."""
+    plane_unlike: float = 0.22
+    """A scan with a sensor origin is a scene too if it holds a plane that spreads this far (standard deviation along
+    its shorter axis): the largest square in a box of diagonal 1 has 0.2."""
     normal_radius: float = 0.045
     """Neighbourhood of the normals that planes are found by."""
     planes: int = 12
@@ -92,12 +95,18 @@ def model_reach(native: Any, surfaces: Sequence[Surface]) -> float:
     return float(np.linalg.norm(np.ptp(placed, axis=1), axis=1).max())
 
 
-def is_scene(scan: Scan, diagonal: float, reach: float, options: SceneOptions) -> bool:
-    """Return whether the scan is much wider than the model can be (`reach`, m), strays aside."""
+def is_scene(
+    scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
+) -> bool:
+    """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
     low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
-    reaches = options.reaches_unseen if origin is None else options.reaches
-    return bool(np.linalg.norm(high - low) > reaches * reach)
+    if np.linalg.norm(high - low) > (options.reaches_unseen if origin is None else options.reaches) * reach:
+        return True
+    if origin is None:
+        return False
+    points = np.ascontiguousarray((scan.points - low) / diagonal, np.float32)
+    return preparation.wide_plane(points, preparing, options.plane_unlike, threads) is not None
 
 
 def observe_scene(

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
-from pwralign_kin.se3 import transform
+from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
@@ -41,12 +41,29 @@ def searched_points(ready: Observation) -> np.ndarray:
     return ready.points[ready.regions >= 0].astype(float) * ready.diagonal + ready.centre
 
 
+def taken_for_scene(model: pk.ArticulatedModel, scan: pk.Scan) -> bool:
+    reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
+    return is_scene(scan, model.diagonal, reach, SceneOptions(), ObservationOptions(), 2)
+
+
 def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    reach = model_reach(excavator.kernel_model, excavator.surfaces) * excavator.diagonal
     alone = pk.Scan(scene.scan.points[scene.labels >= 0], sensor_origin=np.zeros(3))
 
-    assert is_scene(scene.scan, excavator.diagonal, reach, SceneOptions())
-    assert not is_scene(alone, excavator.diagonal, reach, SceneOptions())
+    assert taken_for_scene(excavator, scene.scan)
+    assert not taken_for_scene(excavator, alone)
+
+
+def test_a_model_cut_out_with_the_floor_it_stands_on_is_a_scene(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    upright = transform(inverse(scene.state.T_scan_base), scene.scan.points)
+    own = upright[scene.labels >= 0]
+    margin = 0.2 * excavator.diagonal
+    near = ((upright > own.min(axis=0) - margin) & (upright < own.max(axis=0) + margin)).all(axis=1)
+    cut_out = pk.Scan(scene.scan.points[near], sensor_origin=np.zeros(3))
+
+    assert np.ptp(cut_out.points, axis=0).max() < 1.5 * excavator.diagonal
+    assert taken_for_scene(excavator, cut_out)
 
 
 def test_walls_and_floors_are_surroundings_and_the_model_is_searched(
