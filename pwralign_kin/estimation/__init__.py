@@ -1,5 +1,6 @@
 """From model and scan to `Estimate`."""
 
+from pwralign_kin.estimation.confidence import Evidence
 from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher, Matcher
 from pwralign_kin.estimation.entry import calibrate, estimate
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -13,6 +14,7 @@ __all__ = [
     "Correspondences",
     "Estimate",
     "EstimatorOptions",
+    "Evidence",
     "FpfhMatcher",
     "Matcher",
     "PartEstimate",

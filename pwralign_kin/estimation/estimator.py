@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -46,6 +47,8 @@ GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
+EQUAL_POINTS = 600
+"""Scan points that answers made from the model's symmetry are refined with."""
 
 
 @dataclass
@@ -386,6 +389,8 @@ class Estimator:
         seen = _seen_shares(search.scored(final)[1][0], observation)
         with watch.stage("confidence"):
             evidence = gathered(search, final, finished)
+        with watch.stage("equal answers"):
+            others = self._others(search, final, finished)
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
         labels, distances = self._labels(scan, search, observation.to_search(T_scan_parts))
@@ -418,11 +423,11 @@ class Estimator:
             covariance=judged.covariance * np.outer(scale, scale),
             alternatives=tuple(
                 Alternative(
-                    self._state(observation, finished.bases[i], finished.values[i]),
-                    -float(finished.scores[i]),
-                    bool(finished.scores[0] - finished.scores[i] < EQUAL),
+                    self._state(observation, others.bases[i], others.values[i]),
+                    -float(others.scores[i]),
+                    bool(finished.scores[0] - others.scores[i] < EQUAL),
                 )
-                for i in range(1, len(finished))
+                for i in range(len(others))
             ),
             converged=solution.converged,
             iterations=solution.iterations,
@@ -430,6 +435,20 @@ class Estimator:
             options=asdict(self.options),
             units={name: model.units[name] for name in names},
         )
+
+    def _others(self, search: TreeSearch, final: Candidates, finished: Candidates) -> Candidates:
+        """Return what the search found besides the answer, and what the model's symmetry makes of it, best first."""
+        made = equal_answers(self.model, search, final)
+        if len(made):
+            # Parts only nearly look alike, so that a little refinement may help, or not.
+            refined = search.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
+            made = Candidates.concatenate([made, refined])
+            # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
+            covered = total_coverage(search, Candidates.concatenate([final, made]))
+            made = Candidates(made.bases, made.values, finished.scores[0] - (covered[0] - covered[1:]))
+        answer = Candidates(final.bases, final.values, np.full(1, np.inf, np.float32))
+        several = Candidates.concatenate([answer, finished.take(slice(1, None)), made])
+        return search.distinct(several, len(several), search.options.distinct).take(slice(1, None))
 
     def _state(self, observation: Observation, base: Array, values: Array) -> State:
         joints = np.clip(values * self.unit, self.model.lower, self.model.upper)
@@ -452,13 +471,27 @@ class Estimator:
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates by coarse and tight scores together, best first."""
+    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
+    return Candidates(candidates.bases, candidates.values, total).best_first()
+
+
+def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the part of these scores that is coverage of the scan."""
+    points = int(search.searched.sum())
+    several = [
+        search.native.score(candidates.bases, candidates.values, points, distance)[1]
+        for distance in (search.options.coverage_distance, _tight(search, candidates))
+    ]
+    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+
+
+def _tight(search: TreeSearch, candidates: Candidates) -> float:
+    """Return the distance of the tight score, the first candidate being the best known."""
     blur = search.observation.noise
     if search.observation.scene:
         # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
         blur = max(blur, search.residual(candidates.take([0])))
-    tight = 0.012 + 1.5 * min(blur, 0.012)
-    total = search.scored(candidates)[0].scores + search.scored(candidates, tight)[0].scores
-    return Candidates(candidates.bases, candidates.values, total).best_first()
+    return 0.012 + 1.5 * min(blur, 0.012)
 
 
 def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:

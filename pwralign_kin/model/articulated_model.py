@@ -18,7 +18,10 @@ from pwralign_kin.model import cache
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
 from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
+from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
 from pwralign_kin.model.surface import Surface, kernel_model, prepare_surfaces
+from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
+from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
 from pwralign_kin.model.urdf import Description, GeometryKind, Joint, read_urdf
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
@@ -126,7 +129,7 @@ class ArticulatedModel:
         shapes = read_geometry(description, path, folders, mesh_units)
         diagonal = _diagonal_at_zero(welds, shapes)
         model = cls._assemble(path, description.with_ranges(diagonal), welds, shapes, diagonal)
-        model.kernel_model  # noqa: B018  prepared here, once, so that no estimate pays for it
+        model.kernel_model, model.symmetry  # noqa: B018  prepared here, once, so that no estimate pays for it
         return model
 
     @classmethod
@@ -178,6 +181,12 @@ class ArticulatedModel:
     def kernel_model(self) -> kernels.Articulated:
         """The model as the compiled kernels take it."""
         return kernel_model(self, self.surfaces)
+
+    @cached_property
+    def symmetry(self) -> Symmetry:
+        """Which parts look alike and which turns map a part onto itself, lengths in model diagonals; cached on disk."""
+        key = f"symmetry-{SYMMETRY_VERSION}-{SURFACE_VERSION}-{self.content_key}"
+        return from_arrays(cache.load_or_build(key, lambda: as_arrays(find_symmetry(self.surfaces))))
 
     def neutral(self) -> dict[str, float]:
         """Return 0 clamped into the limits, by joint name (rad or m)."""

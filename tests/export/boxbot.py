@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pwralign_kin import se3
+from pwralign_kin.estimation.confidence import Evidence
 from pwralign_kin.estimation.result import Estimate, PartEstimate
 from pwralign_kin.model import ArticulatedModel, articulated_model
 from pwralign_kin.render import posed_mesh
@@ -123,6 +124,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         scan_labels=labels,
         undetermined=("wrist",),
         std={name: np.inf if name == "wrist" else 1e-3 for name in model.joint_names},
+        evidence=Evidence(nearby=0.0, lacking=0.0, uneven=1.0, margin=0.1),
         covariance=np.zeros((size, size)),
         alternatives=(),
         converged=True,
