@@ -3,69 +3,40 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.answer_search import AnswerSearch, total_coverage
+from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.confidence import confidence, gathered
-from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
-from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
-from pwralign_kin.estimation.scene_search import is_convincing, search_regions
+from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
-from pwralign_kin.exceptions import CorrespondenceError, StateError, UnknownNameError
+from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, inverse, transform
 from pwralign_kin.state import State
 
-WARM_SIGMAS = (0.03, 0.06, 0.1)
-"""Robust scales (model diagonals) that a guess is refined from."""
-UNCONVINCING = 0.015
-"""A solution that leaves more than this share of the scan unexplained is searched on."""
-WORTH_WIDE_BEAMS = 0.1
-"""Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
-NEAR_TIE = 0.08
-"""Solutions within this score of the best are refined to the end and compared again."""
 NO_COST = 0.004
 """Score that an undetermined joint may cost when it is set to its prior, ..."""
 NO_POINTS = 3.0
 """... and scan points that it may leave unexplained."""
-GROWN_FROM_BASE = 12
-"""Configurations that are grown from each placement of a known base."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 EQUAL_POINTS = 600
 """Scan points that answers made from the model's symmetry are refined with."""
-
-
-@dataclass
-class Stopwatch:
-    """Seconds per stage."""
-
-    progress: Callable[[str], None] | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the block to the stage `name`."""
-        if self.progress is not None:
-            self.progress(name)
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
 @dataclass(frozen=True)
@@ -135,17 +106,13 @@ class Estimator:
         with watch.stage("observe"):
             observation = self._observe(scan, initial)
             search = self._search(observation, prior, lower, upper)
+        answers = AnswerSearch(self.model, search, self.options, correspondences, watch)
         if initial is None:
-            solutions = self._global(search, correspondences, watch)
+            solutions = answers.without_guess()
         else:
-            guess = search.observation.to_search(self.model.root_placement(initial))
-            solutions = self._from_guess(search, guess, prior, correspondences, watch)
-        near = self._near(observation)
-        if near is not None:
-            passing = solutions.take(search.passes(solutions, near))
-            solutions = passing if len(passing) else solutions
+            solutions = answers.from_guess(observation.to_search(self.model.root_placement(initial)), prior)
         with watch.stage("finish"):
-            finished = self._finish(search, solutions)
+            finished = answers.finished(solutions)
         solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
         return Fit(scan, solver, finished, prior, watch)
 
@@ -167,10 +134,6 @@ class Estimator:
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
         )
-
-    def _near(self, observation: Observation) -> NDArray[np.float32] | None:
-        """Return the point (1, 3) on the model that is told, in the search's frame."""
-        return None if self.options.near is None else observation.scaled(np.array([self.options.near]))
 
     def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
@@ -217,118 +180,6 @@ class Estimator:
             native = native.restricted(lower, upper)
         known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
         return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads, known)
-
-    def _global(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
-        """Search without a guess."""
-        if search.observation.scene:
-            return self._in_scene(search, correspondences, watch)
-        with watch.stage("hypotheses"):
-            found = self._outside(search, correspondences, self.options.seed)
-            if "pairs" in self.options.sources:
-                found = Hypotheses.concatenate([search.pair_hypotheses(self.options.seed), found])
-            if len(found.parts) == 0:
-                raise self._nothing_placed
-            hypotheses = search.promising(found)
-        with watch.stage("growth"):
-            grown = search.grow(hypotheses)
-            if search.known.near:
-                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
-                grown = Candidates.concatenate([from_base, grown])
-        with watch.stage("refinement"):
-            kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
-            refined = search.scored(search.refined(kept))[0]
-        with watch.stage("repair"):
-            return self._repaired(search, refined, turn=True)
-
-    def _in_scene(self, search: TreeSearch, correspondences: Correspondences | None, watch: Stopwatch) -> Candidates:
-        """Search a scene, again with other samples until an answer is convincing or comes twice."""
-        options = self.options.scene_search
-        several: list[Candidates] = []
-        near, pairs = self._near(search.observation), "pairs" in self.options.sources
-        for attempt in range(options.attempts):
-            seed = self.options.seed + attempt
-            with watch.stage("regions"):
-                outside = self._outside(search, correspondences, seed)
-                found = search_regions(search, options, self.options.repair, seed, outside, near, pairs=pairs)
-            if found is None:
-                raise self._nothing_placed
-            with watch.stage("repair"):
-                several.append(self._repaired(search, found, turn=True))
-            best = search.distinct(
-                Candidates.concatenate(several), self.options.repair.solutions, search.options.distinct
-            )
-            as_good = [float(best.scores[0] - own.scores[0]) < options.agree for own in several]
-            if sum(as_good) > 1 or is_convincing(search, best.take([0]), options):
-                break
-        return best
-
-    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        solutions = repair(search, candidates, self.options.repair, turn=turn)
-        best = solutions.take([0])
-        # A scan that holds more than the model leaves something unexplained however good the answer.
-        doubtful = not search.observation.scene and float(search.weights[search.lacks(best)].sum()) > WORTH_WIDE_BEAMS
-        if doubtful and search.unexplained(best) > UNCONVINCING:
-            solutions = repair(search.widened(), solutions, self.options.repair, turn=False)
-        return solutions
-
-    def _outside(self, search: TreeSearch, correspondences: Correspondences | None, seed: int) -> Hypotheses:
-        """Return part hypotheses from correspondences: those given, and those of the built-in features."""
-        given = [] if correspondences is None else [correspondences]
-        if "fpfh" in self.options.sources:
-            largest = search.largest_parts(search.options.root_parts)
-            given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
-        oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
-        return Hypotheses.concatenate(
-            [Hypotheses.nothing(), *(search.correspondence_hypotheses(pairs, seed) for pairs in oriented)]
-        )
-
-    @property
-    def _nothing_placed(self) -> CorrespondenceError:
-        sources = self.options.sources
-        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
-
-    def _from_guess(
-        self,
-        search: TreeSearch,
-        base: Array,
-        values: Array,
-        correspondences: Correspondences | None,
-        watch: Stopwatch,
-    ) -> Candidates:
-        """Refine a guess from several scales, repair it; search as well where it leaves much unexplained."""
-        start = Candidates(base[None], values[None].copy(), np.zeros(1, np.float32))
-        with watch.stage("refinement"):
-            starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
-            refined = search.scored(Candidates.concatenate(starts))[0]
-        with watch.stage("repair"):
-            solutions = self._repaired(search, refined, turn=False)
-        # Things may touch the model in a scene.
-        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
-        if search.unexplained(solutions.take([0])) > tolerated:
-            solutions = search.distinct(
-                Candidates.concatenate([solutions, self._global(search, correspondences, watch)]),
-                self.options.repair.solutions,
-                search.options.distinct,
-            )
-        return solutions
-
-    def _finish(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
-        near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
-        points = search.options.fine_points
-        fine = search.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
-        if not search.observation.single_view:
-            # Parts that the scan lacks must not be pulled to their neighbours' points.
-            absent = search.exists & (search.scored(fine)[1] < 0.2)
-            again = absent.any(axis=1)
-            if again.any():
-                weights = np.ascontiguousarray(search.weights * ~absent[again], np.float32)
-                mended = search.refined(
-                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
-                )
-                fine.bases[again], fine.values[again] = mended.bases, mended.values
-        return ranked(search, fine)
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
@@ -467,31 +318,6 @@ class Estimator:
             search.reach,
         )
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
-
-
-def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
-    """Return refined candidates by coarse and tight scores together, best first."""
-    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
-    return Candidates(candidates.bases, candidates.values, total).best_first()
-
-
-def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
-    """Return the part of these scores that is coverage of the scan."""
-    points = int(search.searched.sum())
-    several = [
-        search.native.score(candidates.bases, candidates.values, points, distance)[1]
-        for distance in (search.options.coverage_distance, _tight(search, candidates))
-    ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
-
-
-def _tight(search: TreeSearch, candidates: Candidates) -> float:
-    """Return the distance of the tight score, the first candidate being the best known."""
-    blur = search.observation.noise
-    if search.observation.scene:
-        # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
-        blur = max(blur, search.residual(candidates.take([0])))
-    return 0.012 + 1.5 * min(blur, 0.012)
 
 
 def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
@@ -14,6 +15,8 @@ from pwralign_kin.estimation.scene import SceneOptions
 from pwralign_kin.estimation.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
 
+EffortName = Literal["fast", "default", "thorough"]
+
 
 @dataclass(frozen=True)
 class EstimatorOptions:
@@ -21,6 +24,9 @@ class EstimatorOptions:
 
     seed: int = 0
     """The same seed gives the same answer, bit for bit, at any number of threads."""
+    effort: EffortName = "default"
+    """How long answers are looked for: one search with little repair ("fast"), another with other samples where much
+    of the scan stays unexplained ("default"), or as many as it takes for two to agree ("thorough")."""
     threads: int = 0
     """Threads of the compiled kernels; 0 = one per core."""
     locked: tuple[str, ...] = ()

@@ -17,14 +17,12 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 class SceneSearchOptions:
     """How much is tried in every region."""
 
-    attempts: int = 3
-    """Searches at most; one where its answer is convincing, two where they agree."""
+    more_attempts: int = 1
+    """Searches at most, beyond those of any scan: one where its answer is convincing, two where they agree."""
     convincing: float = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2
     """... and leaves no more than this of what is near it unexplained: things may touch it."""
-    agree: float = 0.01
-    """Answers agree if their scores differ by less."""
     regions: int = 12
     """Regions searched, the largest."""
     anchors: int = 600

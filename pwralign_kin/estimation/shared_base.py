@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
+from pwralign_kin.estimation.answer_search import ranked
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.correspondences import Correspondences
-from pwralign_kin.estimation.estimator import Estimator, Fit, ranked
+from pwralign_kin.estimation.estimator import Estimator, Fit
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.estimation.options import EstimatorOptions

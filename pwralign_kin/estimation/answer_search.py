@@ -1,0 +1,232 @@
+"""The search for whole answers: hypotheses, growth, refinement and repair, as often as the effort and the scan ask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.observation import Float
+from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.repair import repair
+from pwralign_kin.estimation.scene_search import is_convincing, search_regions
+from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.exceptions import CorrespondenceError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
+
+WARM_SIGMAS = (0.03, 0.06, 0.1)
+"""Robust scales (model diagonals) that a guess is refined from."""
+UNCONVINCING = 0.015
+"""A solution that leaves more than this share of the scan unexplained is searched on."""
+WORTH_WIDE_BEAMS = 0.1
+"""Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
+NEAR_TIE = 0.08
+"""Solutions within this score of the best are refined to the end and compared again."""
+GROWN_FROM_BASE = 12
+"""Configurations that are grown from each placement of a known base."""
+AGREE = 0.01
+"""Two searches agree if the scores of their answers differ by less."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work a search may take."""
+
+    searches: int
+    """Searches with other samples, at most: ..."""
+    until_agreed: bool
+    """... until two agree, or else until one is convincing."""
+    repairs: int
+    """Rounds of repair, at most."""
+    wide_beams: bool
+    """Whether wide beams are tried where an answer is not convincing."""
+
+
+EFFORTS = {
+    "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
+    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
+    "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
+}
+"""What the names of `EstimatorOptions.effort` stand for."""
+
+
+class AnswerSearch:
+    """The search for the answers to one scan."""
+
+    def __init__(
+        self,
+        model: ArticulatedModel,
+        search: TreeSearch,
+        options: EstimatorOptions,
+        correspondences: Correspondences | None,
+        watch: Stopwatch,
+    ) -> None:
+        """Take the prepared search, and correspondences of other sources."""
+        self.model = model
+        self.search = search
+        self.options = options
+        self.effort = EFFORTS[options.effort]
+        self.repairing = replace(options.repair, rounds=min(options.repair.rounds, self.effort.repairs))
+        self.correspondences = correspondences
+        self.watch = watch
+        near = options.near
+        self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
+
+    def without_guess(self) -> Candidates:
+        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits."""
+        several: list[Candidates] = []
+        for attempt in range(self._searches):
+            seed = self.options.seed + attempt
+            several.append(self._in_scene(seed) if self.search.observation.scene else self._once(seed))
+            best = self._distinct(several)
+            if self._is_settled(best, several):
+                break
+        return best
+
+    def from_guess(self, base: Array, values: Array) -> Candidates:
+        """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
+        search = self.search
+        start = Candidates(base[None], values[None].copy(), np.zeros(1, np.float32))
+        with self.watch.stage("refinement"):
+            starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
+            refined = search.scored(Candidates.concatenate(starts))[0]
+        with self.watch.stage("repair"):
+            solutions = self._repaired(refined, turn=False)
+        # Things may touch the model in a scene.
+        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > tolerated:
+            return self._distinct([solutions, self.without_guess()])
+        return solutions
+
+    def finished(self, solutions: Candidates) -> Candidates:
+        """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
+        search = self.search
+        if self.near is not None:
+            passing = solutions.take(search.passes(solutions, self.near))
+            solutions = passing if len(passing) else solutions
+        near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
+        points = search.options.fine_points
+        fine = search.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        if not search.observation.single_view:
+            # Parts that the scan lacks must not be pulled to their neighbours' points.
+            absent = search.exists & (search.scored(fine)[1] < 0.2)
+            again = absent.any(axis=1)
+            if again.any():
+                weights = np.ascontiguousarray(search.weights * ~absent[again], np.float32)
+                mended = search.refined(
+                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
+                )
+                fine.bases[again], fine.values[again] = mended.bases, mended.values
+        return ranked(search, fine)
+
+    @property
+    def _searches(self) -> int:
+        """How often a scan is searched at most: in a scene, some of it is not of the model and hides the rest."""
+        return self.effort.searches + self.search.observation.scene * self.options.scene_search.more_attempts
+
+    def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
+        """Return whether another search would be in vain."""
+        as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
+        if as_good > 1:
+            return True
+        return not self.effort.until_agreed and self._is_convincing(best.take([0]))
+
+    def _is_convincing(self, best: Candidates) -> bool:
+        """Return whether an answer leaves little unexplained that parts of it lack."""
+        if self.search.observation.scene:
+            return is_convincing(self.search, best, self.options.scene_search)
+        # A scan that holds more than the model leaves something unexplained however good the answer.
+        lacking = float(self.search.weights[self.search.lacks(best)].sum())
+        return lacking <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
+
+    def _once(self, seed: int) -> Candidates:
+        """Search a scan of the model."""
+        search = self.search
+        with self.watch.stage("hypotheses"):
+            found = self._outside(seed)
+            if "pairs" in self.options.sources:
+                found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+            if len(found.parts) == 0:
+                raise self._nothing_placed
+            hypotheses = search.promising(found)
+        with self.watch.stage("growth"):
+            grown = search.grow(hypotheses)
+            if search.known.near:
+                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
+                grown = Candidates.concatenate([from_base, grown])
+        with self.watch.stage("refinement"):
+            kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
+            refined = search.scored(search.refined(kept))[0]
+        with self.watch.stage("repair"):
+            return self._repaired(refined, turn=True)
+
+    def _in_scene(self, seed: int) -> Candidates:
+        """Search a scene, region by region."""
+        with self.watch.stage("regions"):
+            found = search_regions(
+                self.search, self.options.scene_search, self.repairing, seed, self._outside(seed), self.near,
+                pairs="pairs" in self.options.sources,
+            )  # fmt: skip
+        if found is None:
+            raise self._nothing_placed
+        with self.watch.stage("repair"):
+            return self._repaired(found, turn=True)
+
+    def _repaired(self, candidates: Candidates, *, turn: bool) -> Candidates:
+        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
+        search = self.search
+        solutions = repair(search, candidates, self.repairing, turn=turn)
+        if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
+            solutions = repair(search.widened(), solutions, self.repairing, turn=False)
+        return solutions
+
+    def _distinct(self, several: list[Candidates]) -> Candidates:
+        together = Candidates.concatenate(several)
+        return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
+
+    def _outside(self, seed: int) -> Hypotheses:
+        """Return part hypotheses from correspondences: those given, and those of the built-in features."""
+        search = self.search
+        given = [] if self.correspondences is None else [self.correspondences]
+        if "fpfh" in self.options.sources:
+            largest = search.largest_parts(search.options.root_parts)
+            given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
+        oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
+        return Hypotheses.concatenate(
+            [Hypotheses.nothing(), *(search.correspondence_hypotheses(pairs, seed) for pairs in oriented)]
+        )
+
+    @property
+    def _nothing_placed(self) -> CorrespondenceError:
+        sources = self.options.sources
+        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+
+
+def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return refined candidates by coarse and tight scores together, best first."""
+    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
+    return Candidates(candidates.bases, candidates.values, total).best_first()
+
+
+def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the part of these scores that is coverage of the scan."""
+    points = int(search.searched.sum())
+    several = [
+        search.native.score(candidates.bases, candidates.values, points, distance)[1]
+        for distance in (search.options.coverage_distance, _tight(search, candidates))
+    ]
+    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+
+
+def _tight(search: TreeSearch, candidates: Candidates) -> float:
+    """Return the distance of the tight score, the first candidate being the best known."""
+    blur = search.observation.noise
+    if search.observation.scene:
+        # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
+        blur = max(blur, search.residual(candidates.take([0])))
+    return 0.012 + 1.5 * min(blur, 0.012)
