@@ -38,6 +38,8 @@ Units = Annotated[
 
 Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
 
+EffortChoice = Annotated[Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.")]
+
 AsJson = Annotated[bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)]
 
 Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))]

@@ -13,6 +13,7 @@ from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import (
     AsJson,
     Box,
+    EffortChoice,
     GeometryChoice,
     Gravity,
     Joints,
@@ -83,6 +84,7 @@ def estimate(
         Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
     ] = None,
     units: Units = "m",
+    effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
     package_dir: PackageDirs = None,
@@ -126,6 +128,7 @@ def estimate(
         )
         options = EstimatorOptions(
             seed=seed,
+            effort=effort,
             threads=threads,
             locked=tuple(lock or ()),
             prior=values,

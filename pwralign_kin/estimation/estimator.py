@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import AnswerSearch, total_coverage
+from pwralign_kin.estimation.answer_search import EFFORTS, AnswerSearch, total_coverage
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences
@@ -72,6 +72,8 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
+        if options.effort not in EFFORTS:
+            raise UnknownNameError("effort", options.effort, tuple(EFFORTS))
         for name in (*options.locked, *options.prior, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)

@@ -89,6 +89,21 @@ def test_the_same_seed_gives_the_same_bits_at_any_thread_count(
         assert other.confidence == results[0].confidence
 
 
+@pytest.mark.parametrize(("effort", "searches"), [("fast", 1), ("default", 1), ("thorough", 2)])
+def test_effort_says_how_often_is_searched(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, effort: Literal["fast", "default", "thorough"], searches: int
+) -> None:
+    stages: list[str] = []
+    estimate = pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(effort=effort), progress=stages.append)
+    assert stages.count("hypotheses") == searches
+    assert worst_joint(arm, estimate, full_scan.state) < np.radians(2)
+
+
+def test_an_unknown_effort_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(UnknownNameError, match="thorough"):
+        pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(effort="most"))  # type: ignore[arg-type]
+
+
 def test_a_guess_is_refined(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
     truth = single_scan.state
     T = truth.T_scan_base.copy()
