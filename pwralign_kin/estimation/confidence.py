@@ -24,6 +24,8 @@ MODES, RIVALS = 3, 8
 PROBES = 40
 """Samples of each part that are compared."""
 
+SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
+"""Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 COEFFICIENTS = (-2.16, -1.20, -0.65, -1.67, 0.87)
 """Of 1 and the four features: `pwralign_kin.benchmark.calibration.fitted` to the 252 answers (50 of them wrong) of
 `python scripts/benchmark.py --table confidence` to scans of twelve robots."""
@@ -48,6 +50,9 @@ class Evidence:
     """Score by which the answer is better than the best rival: another answer that the search found, or this one with
     one joint moved, that takes a seen part off the surface. Negative where the rival is better."""
 
+    noise: float
+    """Standard deviation of the scan points from their local planes, model diagonals."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
@@ -61,13 +66,23 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     weights = search.weights * search.exists
     lacking = weights[shares < HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
-    return Evidence(float(nearby), float(lacking), _uneven(search, final), _margin(search, final, others, points))
+    return Evidence(
+        float(nearby),
+        float(lacking),
+        _uneven(search, final),
+        _margin(search, final, others, points),
+        observation.noise,
+    )
 
 
 def confidence(evidence: Evidence) -> float:
-    """Return the chance in [0, 1] that an answer with this evidence is right (logistic regression)."""
+    """Return the chance in [0, 1] that an answer with this evidence is right.
+
+    It is that of a logistic regression, and fades to nothing where the points fill a volume.
+    """
     logit = COEFFICIENTS[0] + features(evidence) @ np.array(COEFFICIENTS[1:])
-    return float(1.0 / (1.0 + np.exp(-logit)))
+    surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
+    return float(surface / (1.0 + np.exp(-logit)))
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from pwralign_kin.estimation.confidence import Evidence, confidence, gathered
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
-GOOD = Evidence(nearby=0.0, lacking=0.0, uneven=1.1, margin=0.1)
+GOOD = Evidence(nearby=0.0, lacking=0.0, uneven=1.1, margin=0.1, noise=0.002)
 
 
 def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
@@ -48,7 +48,7 @@ def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
 
 @pytest.mark.parametrize(
     "worse",
-    [{"nearby": 0.05}, {"lacking": 0.3}, {"uneven": 3.0}, {"margin": -0.01}],
+    [{"nearby": 0.05}, {"lacking": 0.3}, {"uneven": 3.0}, {"margin": -0.01}, {"noise": 0.03}],
     ids=lambda worse: next(iter(worse)),
 )
 def test_every_doubt_lowers_the_confidence(worse: dict[str, float]) -> None:
