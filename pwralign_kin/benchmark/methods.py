@@ -16,6 +16,7 @@ from pwralign_kin.estimation import Correspondences, Estimate, EstimatorOptions,
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
+from pwralign_kin.estimation.voting import VoteOptions
 from pwralign_kin.se3 import inverse, transform
 
 logger = logging.getLogger(__name__)
@@ -68,6 +69,7 @@ ABLATIONS: Mapping[str, Method] = MappingProxyType(
             "no repair, and FPFH instead of oriented pairs",
             EstimatorOptions(sources=("fpfh",), repair=RepairOptions(rounds=0)),
         ),
+        "no-votes": Method("no votes", EstimatorOptions(repair=RepairOptions(votes=VoteOptions(parts=0)))),
         "one-way": Method(
             "score in one direction: scan coverage", EstimatorOptions(search=SearchOptions(two_way=False))
         ),
@@ -78,9 +80,15 @@ ABLATIONS: Mapping[str, Method] = MappingProxyType(
             "least squares without bounds, clamped afterwards",
             EstimatorOptions(least_squares=LeastSquaresOptions(bounds=False)),
         ),
+        "no-outlines": Method(
+            "least squares without outlines", EstimatorOptions(least_squares=LeastSquaresOptions(silhouette=False))
+        ),
+        "fast": Method("effort: fast", EstimatorOptions(effort="fast")),
+        "thorough": Method("effort: thorough", EstimatorOptions(effort="thorough")),
     }
 )
-"""The default, and each part of the pipeline off in turn. Repair makes up for poor hypotheses: off together too."""
+"""The default, each part of the pipeline off in turn, and other efforts. Repair makes up for poor hypotheses: off
+together too."""
 
 
 def answer(method: Method, case: Case, ruler: Ruler, reference: Reference, threads: int) -> Answer:

@@ -182,7 +182,8 @@ class AnswerSearch:
         search = self.search
         solutions = repair(search, candidates, self.repairing, turn=turn)
         if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
-            solutions = repair(search.widened(), solutions, self.repairing, turn=False)
+            # Wide beams take their time: they are for the few solutions that are nearly right.
+            solutions = repair(search.widened(), solutions, replace(self.repairing, early_rounds=0), turn=False)
         return solutions
 
     def _distinct(self, several: list[Candidates]) -> Candidates:

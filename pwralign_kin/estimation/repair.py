@@ -63,7 +63,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             if key in done:
                 continue
             done.add(key)
-            tried = repair_moves(search, solution, options, round_, sweep=rank == 0, turn=turn and round_ == 0)
+            tried = repair_moves(search, solution, options, round_, foremost=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
                 moved.append(search.sifted(tried, options.refined))
         if not moved:
@@ -101,9 +101,12 @@ def _scale(solutions: Candidates) -> float:
 
 
 def repair_moves(
-    search: TreeSearch, solution: Candidates, options: RepairOptions, seed: int, *, sweep: bool, turn: bool
+    search: TreeSearch, solution: Candidates, options: RepairOptions, seed: int, *, foremost: bool, turn: bool
 ) -> Candidates | None:
-    """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere."""
+    """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere.
+
+    Votes and sweeps, which cost most, are for the `foremost` solution.
+    """
     support = search.scored(solution)[1][0]
     unexplained = search.unexplained(solution)
     exists, single = search.exists, search.observation.single_view
@@ -117,14 +120,14 @@ def repair_moves(
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
-    if missing or search.observation.scene:
+    if foremost and (missing or search.observation.scene):
         # In a scene what is near and unexplained may be of other things: one look at all that is doubtful.
         ways = (True,) if search.observation.scene else (False, True)
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
         moves += [vote for vote in votes if vote is not None]
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
-    if sweep:
+    if foremost:
         moves.append(_swept(search, solution))
     if turn:
         moves += _turned(search, placements, options)

@@ -96,7 +96,7 @@ def _improved(
     firsts = Candidates.concatenate([f.take(slice(1)) for f in found])
     leaders = search.refined(firsts)
     for leader in np.argsort(-search.coverage(leaders), kind="stable")[: options.leaders]:
-        moves = repair_moves(search, leaders.take([leader]), repairing, seed, sweep=True, turn=False)
+        moves = repair_moves(search, leaders.take([leader]), repairing, seed, foremost=True, turn=False)
         if moves is not None:
             moved = search.sifted(moves, options.moves)
             yield search.scored(search.refined(moved, iterations=10))[0]
