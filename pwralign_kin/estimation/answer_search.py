@@ -49,7 +49,7 @@ class Effort:
 
 EFFORTS = {
     "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
-    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
+    "default": Effort(searches=1, until_agreed=False, repairs=10, wide_beams=True),
     "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
 }
 """What the names of `EstimatorOptions.effort` stand for."""
@@ -183,7 +183,8 @@ class AnswerSearch:
         solutions = repair(search, candidates, self.repairing, turn=turn)
         if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
             # Wide beams take their time: they are for the few solutions that are nearly right.
-            solutions = repair(search.widened(), solutions, replace(self.repairing, early_rounds=0), turn=False)
+            few = replace(self.repairing, early_rounds=0, patience=1)
+            solutions = repair(search.widened(), solutions, few, turn=False)
         return solutions
 
     def _distinct(self, several: list[Candidates]) -> Candidates:

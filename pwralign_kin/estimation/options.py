@@ -25,8 +25,8 @@ class EstimatorOptions:
     seed: int = 0
     """The same seed gives the same answer, bit for bit, at any number of threads."""
     effort: EffortName = "default"
-    """How long answers are looked for: one search with little repair ("fast"), another with other samples where much
-    of the scan stays unexplained ("default"), or as many as it takes for two to agree ("thorough")."""
+    """How long answers are looked for: with little repair ("fast"), with wide beams besides where much of the scan
+    stays unexplained ("default"), or from other samples again until two searches agree ("thorough")."""
     threads: int = 0
     """Threads of the compiled kernels; 0 = one per core."""
     locked: tuple[str, ...] = ()
