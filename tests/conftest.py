@@ -10,6 +10,30 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
+TURNING_ARM = """<robot name="arm">
+  <link name="base">
+    <visual><origin xyz="0 0 0.05"/><geometry><box size="0.5 0.3 0.1"/></geometry></visual>
+    <visual><origin xyz="0.18 0.08 0.15"/><geometry><box size="0.08 0.1 0.1"/></geometry></visual>
+  </link>
+  <link name="upper">
+    <visual><origin xyz="0 0 0.2"/><geometry><box size="0.12 0.08 0.4"/></geometry></visual>
+    <visual><origin xyz="0.09 0 0.3"/><geometry><box size="0.06 0.05 0.1"/></geometry></visual>
+  </link>
+  <link name="lower">
+    <visual><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.06 0.09"/></geometry></visual>
+    <visual><origin xyz="0.25 0.06 0"/><geometry><box size="0.05 0.08 0.04"/></geometry></visual>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="-0.1 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-1.2" upper="1.2" effort="1" velocity="1"/>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent link="upper"/><child link="lower"/><origin xyz="0 0 0.42"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="also run the tests marked slow")
@@ -46,3 +70,9 @@ def shared_folder() -> Path:
     if not folder.is_dir():
         pytest.skip("no benchmark data: set PWRALIGN_SHARED, or put the folder `shared` beside the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def turning_arm() -> str:
+    """URDF of a small arm of boxes, two turning joints, that no turn maps onto itself."""
+    return TURNING_ARM
