@@ -169,18 +169,25 @@ class TreeSearch:
         o = self.options
         largest = self.largest_parts(o.root_parts + self.many * o.more_root_parts)
         points = np.flatnonzero(self.observation.regions == region)
-        return self.part_hypotheses(largest, points, anchors, seed, self._per_part, self.observation.weights)
+        return self.part_hypotheses(
+            largest, [points] * len(largest), anchors, seed, self._per_part, self.observation.weights
+        )
 
     def part_hypotheses(
-        self, parts: Ints, points: NDArray[np.int64], anchors: int, seed: int, count: int, weights: Float
+        self, parts: Ints, points: Sequence[NDArray[np.int64]], anchors: int, seed: int, count: int, weights: Float
     ) -> Hypotheses:
-        """Return at most `count` poses of each of `parts` from oriented pairs of the scan points `points`.
+        """Return at most `count` poses of each of `parts` from oriented pairs of the scan points it is looked for in.
 
         The first point of a pair is one of `anchors`. `weights` (n,) of all scan points count in the scores.
         """
         return Hypotheses(
             *self.native.part_hypotheses(
-                parts, points.astype(np.int32), anchors, seed, count, np.ascontiguousarray(weights, np.float32)
+                parts,
+                [own.astype(np.int32) for own in points],
+                anchors,
+                seed,
+                count,
+                np.ascontiguousarray(weights, np.float32),
             )
         )
 

@@ -1,8 +1,8 @@
 """Votes: scan points that an answer leaves unexplained say where the parts that it has wrong should be.
 
-Each part that explains too little is placed on its own among the unexplained points, and the joints between it and
-the parts that are right are solved so that it comes there. A beam that grows through a chain of small parts judges each
-of them on little evidence; a vote skips them and judges the large part at the end.
+Each part that explains too little is placed on its own among the unexplained points of its region of interest, and the
+joints between it and the parts that are right are solved so that it comes there. A beam that grows through a chain of
+small parts judges each of them on little evidence; a vote skips them and judges the large part at the end.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.region_of_interest import path_between, region_of_interest
 from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import Array
 
 
 @dataclass(frozen=True)
@@ -62,16 +64,21 @@ def voted(
         unexplained &= _about(search, ~unexplained, options.scene_reach)
     if unexplained.sum() < options.least_points or not wrong or not right.any():
         return None
-    best = int(np.argmax(search.weights * share))
+    best = int(np.argmax(search.weights * share * right))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
-    points = np.flatnonzero(unexplained)
-    anchors = min(options.scene_points if search.observation.scene else options.points, len(points))
-    found = search.part_hypotheses(np.array(wrong, np.int32), points, anchors, seed, options.placements, weights)
-    tasks = [
-        (row, anchor)
-        for row, part in enumerate(found.parts)
-        for anchor in _towards(search.parent, int(part), best, right, options.anchors)
-    ]
+    ways = {part: path_between(search.parent, part, best) for part in wrong}
+    anchors = {part: [node for node in way[1:] if right[node]][: options.anchors] for part, way in ways.items()}
+    placements = search.part_placements(solution)[0]
+    regions = [_in_region(search, placements, way[: way.index(anchors[part][-1]) + 1]) for part, way in ways.items()]
+    found = search.part_hypotheses(
+        np.array(wrong, np.int32),
+        [np.flatnonzero(unexplained & region) for region in regions],
+        options.scene_points if search.observation.scene else options.points,
+        seed,
+        options.placements,
+        weights,
+    )
+    tasks = [(row, anchor) for row, part in enumerate(found.parts) for anchor in anchors[int(part)]]
     if not tasks:
         return None
     rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
@@ -96,13 +103,8 @@ def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> ND
     return np.asarray(search.searched & np.isfinite(distance))
 
 
-def _towards(parent: NDArray[np.int32], part: int, goal: int, right: NDArray[np.bool_], count: int) -> list[int]:
-    """Return the parts that are right on the way from `part` to `goal`, nearest first, at most `count`."""
-    above = [goal]
-    while above[-1] > 0:
-        above.append(int(parent[above[-1]]))
-    way = [part]
-    while way[-1] not in above:
-        way.append(int(parent[way[-1]]))
-    way += above[: above.index(way[-1])][::-1]
-    return [node for node in way[1:] if right[node]][:count]
+def _in_region(search: TreeSearch, placements: Array, way: list[int]) -> NDArray[np.bool_]:
+    """Return which scan points (m,) the first part of `way` could come to while the last one stays."""
+    centre, radius = region_of_interest(search, placements, way)
+    distance = np.linalg.norm(search.observation.points - centre, axis=1)
+    return np.asarray(distance < radius + search.reach, bool)

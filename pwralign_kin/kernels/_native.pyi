@@ -65,6 +65,8 @@ class Articulated:
     @property
     def actuated(self) -> NDArray[np.int32]: ...
     @property
+    def travel(self) -> NDArray[np.float64]: ...
+    @property
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
@@ -161,7 +163,7 @@ class Search:
     def part_hypotheses(
         self,
         parts: NDArray[np.int32],
-        points: NDArray[np.int32],
+        points: Sequence[NDArray[np.int32]],
         anchors: int,
         seed: int,
         keep: int,

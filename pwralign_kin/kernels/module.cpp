@@ -211,6 +211,12 @@ void bind_model(nb::module_ &m) {
         }, "lower"_a, "upper"_a)
         .def_prop_ro("parent", [](const Articulated &self) { return to_numpy(std::vector<int>(self.parent)); }, nb::rv_policy::move)
         .def_prop_ro("actuated", [](const Articulated &self) { return to_numpy(std::vector<int>(self.actuated)); }, nb::rv_policy::move)
+        .def_prop_ro("travel", [](const Articulated &self) {
+            std::vector<double> travel(self.parts, 0.);
+            for (int p = 1; p < self.parts; ++p)
+                if (self.prismatic[p]) travel[p] = std::abs(self.multiplier[p]) * (self.upper[self.actuated[p]] - self.lower[self.actuated[p]]);
+            return to_numpy(std::move(travel));
+        }, nb::rv_policy::move)
         .def_prop_ro("limits", [](const Articulated &self) {
             return nb::make_tuple(to_numpy(std::vector<double>(self.lower)), to_numpy(std::vector<double>(self.upper)));
         }, nb::rv_policy::move)
@@ -275,12 +281,16 @@ void bind_search(nb::module_ &m) {
             self.prior.base.add(read_placement(base.data()), 1, H.data(), g.data());
             return nb::make_tuple(to_numpy(std::move(H), {6, 6}), to_numpy(std::move(g)));
         }, "base"_a)
-        .def("part_hypotheses", [](const Search &self, Ints parts, Ints points, int anchors, uint64_t seed, int keep, Floats point_weights) {
+        .def("part_hypotheses", [](const Search &self, Ints parts, std::vector<Ints> points, int anchors, uint64_t seed, int keep, Floats point_weights) {
+            require(points.size() == parts.shape(0), "each part needs the points that it is looked for in");
             std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
             for (int p : wanted) require(p >= 0 && p < self.model.parts && self.model.surface[p].exists, "a hypothesis needs a part with a surface");
             require(point_weights.shape(0) == self.field.points.size(), "one weight per scan point is needed");
-            const std::vector<int> sampled(points.data(), points.data() + points.shape(0));
-            for (int k : sampled) require(k >= 0 && k < int(self.field.points.size()), "no such scan point");
+            std::vector<std::vector<int>> sampled;
+            for (const Ints &own : points) {
+                sampled.emplace_back(own.data(), own.data() + own.shape(0));
+                for (int k : sampled.back()) require(k >= 0 && k < int(self.field.points.size()), "no such scan point");
+            }
             const std::vector<float> weights(point_weights.data(), point_weights.data() + point_weights.shape(0));
             std::vector<Hypothesis> found;
             {

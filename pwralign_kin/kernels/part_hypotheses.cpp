@@ -1,4 +1,5 @@
 #include "cells.hpp"
+#include "ordering.hpp"
 #include "search.hpp"
 #include <numeric>
 
@@ -68,10 +69,6 @@ std::vector<int> Search::distinct(const std::vector<Hypothesis> &hypotheses, int
 }
 
 namespace {
-void sort_by_score(std::vector<Hypothesis> &hypotheses) {
-    std::stable_sort(hypotheses.begin(), hypotheses.end(),
-                     [](const Hypothesis &a, const Hypothesis &b) { return a.score > b.score; });
-}
 std::vector<Hypothesis> select(const std::vector<Hypothesis> &hypotheses, const std::vector<int> &indices) {
     std::vector<Hypothesis> out;
     for (int i : indices) out.push_back(hypotheses[i]);
@@ -126,7 +123,7 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
-    if (table.key.empty()) return candidates;
+    if (table.key.empty() || points.empty()) return candidates;
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
     const int count = int(points.size()), anchor_count = std::min(anchors, count);
     std::vector<int> order = points;
@@ -185,12 +182,13 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
     return best_of(std::move(candidates), keep, field.weight.data());
 }
 
-std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts, const std::vector<int> &points,
-                                                int anchors, uint64_t seed, int keep,
+std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
+                                                const std::vector<std::vector<int>> &points, int anchors,
+                                                uint64_t seed, int keep,
                                                 const std::vector<float> &point_weights) const {
     std::vector<std::vector<Hypothesis>> found(parts.size());
     parallel_for(int64_t(parts.size()), options.threads, [&](int64_t i) {
-        found[i] = hypotheses_of_part(parts[i], points, anchors, seed, keep, point_weights.data());
+        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, point_weights.data());
     });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());

@@ -1,3 +1,4 @@
+#include "ordering.hpp"
 #include "search.hpp"
 
 namespace pwr {
@@ -111,8 +112,7 @@ std::vector<Configuration> Search::reach(const std::vector<Configuration> &from,
             model.forward(Rigid::identity(), values.data(), T.data());
             closed.push_back({held * inverse(T[task.anchor]), std::move(values), float(-left)});
         }
-        std::stable_sort(closed.begin(), closed.end(),
-                         [](const Configuration &a, const Configuration &b) { return a.score > b.score; });
+        sort_by_score(closed);
         constexpr double same = .15;
         for (Configuration &candidate : closed) {
             bool is_new = int(found[t].size()) < keep;

@@ -85,10 +85,11 @@ class Search {
   public:
     Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral);
 
-    // RANSAC with minimal samples of two oriented points among `points`, the first being one of `anchors`, for each of
-    // `parts`; the best `keep` distinct poses each. The score counts all scan points by their weight.
-    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, const std::vector<int> &points, int anchors,
-                                            uint64_t seed, int keep, const std::vector<float> &point_weights) const;
+    // RANSAC with minimal samples of two oriented points, the first being one of `anchors`, for each of `parts` among
+    // its own `points`; the best `keep` distinct poses each. The score counts all scan points by their weight.
+    std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, const std::vector<std::vector<int>> &points,
+                                            int anchors, uint64_t seed, int keep,
+                                            const std::vector<float> &point_weights) const;
     // The same from correspondences of one part, in minimal samples of two.
     std::vector<Hypothesis> correspondence_hypotheses(int part, const std::vector<Correspondence> &given, uint64_t seed,
                                                       int keep) const;

@@ -1,3 +1,4 @@
+#include "ordering.hpp"
 #include "search.hpp"
 #include <numeric>
 
@@ -139,8 +140,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
         for (int v : best_modes(row, modes, {steps, window, sweep.circular}))
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
-    std::stable_sort(candidates.begin(), candidates.end(),
-                     [](const Candidate &a, const Candidate &b) { return a.score > b.score; });
+    sort_by_score(candidates);
     if (int(candidates.size()) > options.beam) candidates.resize(options.beam);
     std::vector<Partial> next;
     next.reserve(candidates.size());
@@ -159,7 +159,6 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
 std::vector<Search::Partial> Search::grow_from(Partial start, int node, int previous, int only, int keep,
                                                const Growth &growth) const {
     std::vector<Partial> states{std::move(start)};
-    auto best_first = [](const Partial &a, const Partial &b) { return a.score > b.score; };
     while (true) {
         std::vector<Edge> onward;
         for (const Edge &e : edges[node])
@@ -169,7 +168,7 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             if (int(states.size()) > options.branch_beam) states.resize(options.branch_beam);
             for (Partial &state : states)
                 for (const Edge &e : onward) state = grow_from(state, node, previous, e.to, 1, growth).front();
-            std::stable_sort(states.begin(), states.end(), best_first);
+            sort_by_score(states);
             break;
         }
         const Edge edge = onward.front();

@@ -1,0 +1,42 @@
+"""The region of interest of a part: where its joints let it be while another part stays.
+
+The published part-wise method searches each part in a box around the place that the whole-body fit gave it. A kinematic
+tree says more: the joints between the part and one that stays bound how far its surface can come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import Array
+
+
+def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]) -> tuple[Array, float]:
+    """Return the ball, centre (3,) and radius, that the first part of `way` cannot leave while the last one stays.
+
+    `way` names neighbours in the tree, `placements` (parts, 4, 4) the parts in the scan. The bound is the sum of the
+    lengths between the joints on the way, of what slides, and of the farthest surface of the part.
+    """
+    joints = [one if search.parent[one] == other else other for one, other in pairwise(way)]
+    origins = placements[joints, :3, 3]
+    T = placements[way[0]]
+    surface = search.surfaces[way[0]].samples @ T[:3, :3].T + T[:3, 3]
+    reach = float(np.linalg.norm(surface - origins[0], axis=1).max())
+    links = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
+    return origins[-1], reach + links + float(search.model.travel[joints].sum())
+
+
+def path_between(parent: NDArray[np.int32], part: int, goal: int) -> list[int]:
+    """Return the parts from `part` to `goal` through the tree."""
+    above = [goal]
+    while above[-1] > 0:
+        above.append(int(parent[above[-1]]))
+    way = [part]
+    while way[-1] not in above:
+        way.append(int(parent[way[-1]]))
+    return way + above[: above.index(way[-1])][::-1]

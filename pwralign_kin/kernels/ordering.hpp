@@ -1,0 +1,22 @@
+// Sorting, compiled once for all that carries a score.
+#pragma once
+#include <utility>
+#include <vector>
+
+namespace pwr {
+
+// Indices of the keys from the largest to the smallest, equal ones in the order given.
+std::vector<int> descending(const std::vector<double> &keys);
+
+// Best score first, equal ones in the order given.
+template <typename Scored> void sort_by_score(std::vector<Scored> &items) {
+    std::vector<double> scores;
+    scores.reserve(items.size());
+    for (const Scored &item : items) scores.push_back(item.score);
+    std::vector<Scored> sorted;
+    sorted.reserve(items.size());
+    for (int i : descending(scores)) sorted.push_back(std::move(items[i]));
+    items = std::move(sorted);
+}
+
+} // namespace pwr
