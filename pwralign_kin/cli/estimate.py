@@ -84,6 +84,9 @@ def estimate(
         Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
     ] = None,
     units: Units = "m",
+    solid: Annotated[
+        bool, Parameter(help="Parts that no joint connects may not be inside each other.", negative=())
+    ] = False,
     effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
@@ -107,7 +110,7 @@ def estimate(
     if out is not None:
         arguments.check_folder(out)
     with messages.progress() as show:
-        from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions
+        from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions, SearchOptions
         from pwralign_kin.estimation import estimate as estimated
         from pwralign_kin.export import export
         from pwralign_kin.model import ArticulatedModel
@@ -133,6 +136,7 @@ def estimate(
             locked=tuple(lock or ()),
             prior=values,
             base=known,
+            search=SearchOptions(solid=solid),
             near=arguments.scaled(near, unit),
             region=arguments.scaled(region, unit),
         )

@@ -7,6 +7,7 @@ from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import BasePrior
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.shared_base import SharedBaseEstimate
+from pwralign_kin.estimation.tree_search import SearchOptions
 
 __all__ = [
     "Alternative",
@@ -18,6 +19,7 @@ __all__ = [
     "FpfhMatcher",
     "Matcher",
     "PartEstimate",
+    "SearchOptions",
     "SharedBaseEstimate",
     "calibrate",
     "estimate",

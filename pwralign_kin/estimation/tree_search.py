@@ -71,6 +71,8 @@ class SearchOptions:
     scene_mismatch_penalty: float = 0.5
     two_way: bool = True
     """Whether model support counts at all."""
+    solid: bool = False
+    """Whether parts that no joint connects may not be inside each other. Meshes of real machines often are."""
     support_distance: float = 0.035
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
@@ -118,6 +120,7 @@ class TreeSearch:
             native.near_penalty = options.scene_near_penalty
             native.mismatch_penalty = options.scene_mismatch_penalty
         native.two_way = options.two_way
+        native.solid = options.solid
         self.coverage_scale = self._coverage_scale(total_area(surfaces))
         native.coverage_scale = self.coverage_scale
         native.angle_step = options.angle_step

@@ -252,6 +252,7 @@ void bind_search(nb::module_ &m) {
         .def_rw("near_penalty", &SearchOptions::near_penalty)
         .def_rw("mismatch_penalty", &SearchOptions::mismatch_penalty)
         .def_rw("normal_penalty", &SearchOptions::normal_penalty)
+        .def_rw("solid", &SearchOptions::solid)
         .def_rw("two_way", &SearchOptions::two_way)
         .def_rw("angle_step", &SearchOptions::angle_step)
         .def_rw("beam", &SearchOptions::beam)

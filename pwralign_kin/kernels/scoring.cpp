@@ -157,7 +157,7 @@ void Search::score(std::vector<Configuration> &configurations, int points, float
         std::vector<int> owner(field.points.size(), -1);
         for (size_t i = 0; i < sampled.size(); ++i) owner[shuffled[i]] = a.part[i];
         update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
-        configurations[c].score = total_score(covered[c], &support[c * n]) - prior.cost(configurations[c].base, configurations[c].values);
+        configurations[c].score = total_score(covered[c], &support[c * n]) - cost(configurations[c], F);
     });
 }
 
@@ -238,7 +238,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                 for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 tried[v].score = row[v] = total_score(coverage(a, F, options.coverage_distance), support.data()) -
-                                          prior.cost(tried[v].base, tried[v].values);
+                                          cost(tried[v], F);
             }
             modes = best_modes(row, points == few_points ? 3 * keep : keep, first, second);
         }

@@ -21,6 +21,8 @@ struct SearchOptions {
     float contested_penalty = .5f;   // share of the free penalty for a sample that another part explains
     float support_weight = .6f;      // of model support against scan coverage
     float absent_floor = .15f;       // least support of a part, full scans
+    bool solid = false;              // whether parts that are not joined may not be inside each other
+    float overlap_penalty = 1.f;     // ... of all surface that is
     float coverage_scale = 1.f;      // number of scan points over the number that the model is expected to yield
     bool two_way = true;             // whether support counts at all
     // Growth.
@@ -170,11 +172,16 @@ class Search {
                         const uint8_t *mask, float *support) const;
     std::vector<OrientedPoint> sample_of_points(int most) const;
     float total_score(float covered, const float *support) const;
+    std::vector<uint8_t> joined_parts() const;
+    float overlap(const std::vector<RigidF> &T) const;
+    // What speaks against a configuration, whatever the scan.
+    float cost(const Configuration &c, const std::vector<RigidF> &T) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
+    std::vector<uint8_t> joined; // (parts, parts)
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled;
 };

@@ -30,6 +30,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
             sweep.up.push_back(inverse(sweep.down.back()));
         }
     }
+    joined = joined_parts();
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
     shuffled.resize(field.points.size());
