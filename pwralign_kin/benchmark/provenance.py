@@ -13,7 +13,7 @@ from pathlib import Path
 
 PACKAGES = (
     "pwralign-kin", "numpy", "scipy", "casadi", "pin", "open3d-cpu", "open3d", "trimesh", "yourdfpy",
-    "example-robot-data", "small-gicp",
+    "example-robot-data", "small-gicp", "kiss-matcher", "pycpd",
 )  # fmt: skip
 
 REPORT = "BENCHMARKS.md"
