@@ -39,9 +39,12 @@ def non_rigid_icp(vertices: Array, faces: Faces, target: Array) -> Array:
 
     mesh = Trimesh(vertices, faces, process=False)
     try:
-        return np.asarray(nricp_amberg(mesh, target, steps=STEPS, use_faces=False))
-    except RuntimeError as error:
-        raise ScanError("scan", f"non-rigid ICP fails: {error}") from None
+        moved = np.asarray(nricp_amberg(mesh, target, steps=STEPS, use_faces=False))
+    except RuntimeError:  # of SciPy's sparse solver: the matrix is singular
+        moved = np.full_like(vertices, np.nan)
+    if not np.isfinite(moved).all():
+        raise ScanError("scan", "it leaves a piece of the mesh undetermined to non-rigid ICP")
+    return moved
 
 
 def disjoint_mesh(bodies: Sequence[tuple[Array, Faces]]) -> tuple[Array, Faces]:

@@ -36,7 +36,7 @@ def knobbly(triangles: int, seed: int) -> Any:
     """Return a `trimesh.Trimesh` of about so many triangles, 1 m long, without symmetry."""
     import trimesh
 
-    side = max(3, round(np.sqrt(triangles / 2)))
+    side = max(3, round(np.sqrt(triangles / 4)))
     mesh = trimesh.creation.uv_sphere(count=[side, side])
     x, y, z = mesh.vertices.T
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 3)

@@ -183,13 +183,13 @@ def _small_gicp(task: Task, seed: int) -> Run:
 
 
 def _rigid_drift(task: Task, seed: int) -> Run:
-    source, start, size = transform(task.start, task.cloud[0]), task.start, task.ruler.model.diagonal
-    return lambda: task.rigid(rigid_drift(source, task.target, size, seed) @ start)
+    source, start = transform(task.start, task.cloud[0]), task.start
+    return lambda: task.rigid(rigid_drift(source, task.target, seed) @ start)
 
 
 def _deformable_drift(task: Task, seed: int) -> Run:
-    source, size = transform(task.start, task.cloud[0]), task.ruler.model.diagonal
-    return lambda: task.bent(deformable_drift(source, task.target, size, seed))
+    source = transform(task.start, task.cloud[0])
+    return lambda: task.bent(deformable_drift(source, task.target, seed))
 
 
 def _non_rigid_icp(kind: str) -> Callable[[Task, int], Run]:
