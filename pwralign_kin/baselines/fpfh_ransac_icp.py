@@ -17,7 +17,12 @@ from pwralign_kin.se3 import Array
 
 def fpfh_ransac_icp(source: Array, target: Array, voxel: float) -> Array:
     """Return T_target_source (4, 4) of points (n, 3) and (m, 3), m; `voxel` is the cell of the downsampling, m."""
-    registration = open3d().pipelines.registration
+    o3d = open3d()
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):  # it warns on stdout
+        return _registered(o3d.pipelines.registration, source, target, voxel)
+
+
+def _registered(registration: Any, source: Array, target: Array, voxel: float) -> Array:
     sources, source_features = _prepared(source, voxel)
     targets, target_features = _prepared(target, voxel)
     near = 1.5 * voxel

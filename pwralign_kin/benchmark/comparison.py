@@ -12,7 +12,7 @@ import numpy as np
 from pwralign_kin.baselines.part_wise_rigid import openings, rigid_fit
 from pwralign_kin.benchmark.calibration import as_png
 from pwralign_kin.benchmark.metrics import FOUND
-from pwralign_kin.benchmark.peers import CONTENDERS, OURS, Contender, Placement, Task
+from pwralign_kin.benchmark.peers import CONTENDERS, OURS, Placement, Task
 from pwralign_kin.benchmark.runs import Cases, Progress
 from pwralign_kin.benchmark.table import NONE, figure, median, quantile, share
 from pwralign_kin.exceptions import DependencyError
@@ -67,17 +67,18 @@ def compare(
     for index, (ruler, case) in enumerate(cases):
         task = Task(case, ruler, ruler.reference(case.truth, case.labels), threads)
         for name in names if not index else ():
-            _run(task, name, CONTENDERS[name], 0, seed)
+            once(task, name, 0, seed)
         for repetition in range(repeats):
             first = (index + repetition) % len(names)
             for name in (*names[first:], *names[:first]):
-                measured.append(_run(task, name, CONTENDERS[name], repetition, seed + repetition))
+                measured.append(once(task, name, repetition, seed + repetition))
                 progress(str(measured[-1]))
     return measured
 
 
-def _run(task: Task, name: str, contender: Contender, repetition: int, seed: int) -> Measurement:
+def once(task: Task, name: str, repetition: int, seed: int) -> Measurement:
     """Run one method once; what goes wrong is logged and becomes part of the measurement."""
+    contender = CONTENDERS[name]
     case = task.case
     measurement = Measurement(case.robot, case.tier, case.configuration, repetition, name, NAN)
     start = time.perf_counter()
