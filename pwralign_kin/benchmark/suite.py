@@ -265,13 +265,13 @@ def peers(settings: Settings, progress: Progress) -> Result:
         for tier, own in comparison.by_tier(measured)
     ]
     by_robot = markdown(*comparison.overlays_by_robot(measured))
-    return Result("\n".join([*tables, by_robot]), measured, comparison.pictures(measured))
+    return _illustrated([*tables, by_robot], measured, comparison.pictures(measured))
 
 
 def cost_against_size(settings: Settings, progress: Progress) -> Result:
     """Time and memory against scan points, parts and triangles."""
     measured = cost.measure(settings.threads, progress)
-    return Result(cost.tables(measured), measured, cost.pictures(measured))
+    return _illustrated([cost.tables(measured)], measured, cost.pictures(measured))
 
 
 def where_time_goes(settings: Settings, progress: Progress) -> Result:
@@ -303,6 +303,12 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
         "profile": where_time_goes,
     }
 )
+
+
+def _illustrated(texts: Iterable[str], records: Any, pictures: Mapping[str, bytes]) -> Result:
+    """Return figures whose pictures stand before them."""
+    links = "\n".join(f"![{name.removesuffix('.png').replace('_', ' ')}](docs/{name})" for name in pictures)
+    return Result("\n".join([f"{links}\n", *texts]), records, pictures)
 
 
 @cache
