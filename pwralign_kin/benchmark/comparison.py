@@ -35,8 +35,8 @@ class Measurement:
     seconds: float
     overlay: bool | None = False
     """None: the method has no parts to lay over."""
-    found: float = 0.0
-    """Share of the observed parts whose surface is found."""
+    right: float = 0.0
+    """Share of the observed parts that are found, or whose true surface another part lies on."""
     error: float = NAN
     """Mean distance of the observed parts' surface, where the method puts it, to where it truly is."""
     joints: float = NAN
@@ -113,7 +113,7 @@ def _judged(measurement: Measurement, task: Task, placement: Placement) -> Measu
     return replace(
         measurement,
         overlay=score.overlay if placement.surface is None else None,
-        found=float(np.mean(errors < FOUND)),
+        right=float(np.mean((errors < FOUND) | list(ruler.overlaid_parts(reference, placement.T_scan_parts)))),
         error=float(errors.mean()),
         joints=median(joints),
         gap=max(gaps, default=0.0) / ruler.model.diagonal,
@@ -130,7 +130,7 @@ def _bend(placement: Placement, task: Task, part: int) -> float:
 
 
 HEADS = (
-    "method", " overlay", " parts found", " surface off by", " joints", " widest gap", " bent by", " time median",
+    "method", " overlay", " parts right", " surface off by", " joints", " widest gap", " bent by", " time median",
     " quartiles", " ratio", " quartiles", " failures",
 )  # fmt: skip
 
@@ -153,7 +153,7 @@ def rows(measured: Sequence[Measurement], baseline: str = OURS) -> list[list[str
             [
                 CONTENDERS[name].title,
                 share(overlays),
-                figure(100 * float(np.mean([own.found for own in runs])), "%", 0),
+                figure(100 * float(np.mean([own.right for own in runs])), "%", 0),
                 figure(100 * median([own.error for own in done]), "% D"),
                 figure(median([own.joints for own in done if np.isfinite(own.joints)])),
                 figure(100 * median([own.gap for own in done]), "% D"),
@@ -186,7 +186,8 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
 
 
 def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
-    """Return PNGs by file name: parts found against time, a panel a tier."""
+    """Return PNGs by file name: parts right against time, a panel a tier."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     tiers = list(by_tier(measured))
@@ -200,15 +201,17 @@ def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
             if not seconds:
                 continue
             low, middle, high = (quantile(seconds, part) for part in (0.25, 0.5, 0.75))
-            found = 100 * float(np.mean([one.found for one in runs]))
+            right = 100 * float(np.mean([one.right for one in runs]))
             axes.errorbar(
-                [middle], [found], xerr=[[middle - low], [high - middle]], marker="osD^vP*X<>hpd"[index % 13],
-                color=f"C{index % 10}", markersize=7, capsize=2, linestyle="none", label=CONTENDERS[name].title,
+                [middle], [right], xerr=[[middle - low], [high - middle]], marker="osD^vP*X<>hpd"[index % 13],
+                color=colormaps["tab20"](index), markersize=7, capsize=2, linestyle="none",
+                label=CONTENDERS[name].title,
             )  # fmt: skip
         axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 104))
         axes.grid(alpha=0.3)
-    panels[0].set_ylabel("parts found, %")
-    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
+    panels[0].set_ylabel("parts right, %")
+    shown = {label: mark for axes in panels for mark, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    picture.legend(list(shown.values()), list(shown), loc="outside right upper", frameon=False, fontsize=8)
     return {"peers.png": as_png(picture)}
 
 

@@ -62,8 +62,8 @@ def test_order_and_verdicts(ruler: Ruler, case: Case, contenders: dict[str, Cont
     names = [own.method for own in measured]
     assert names == [*contenders, *[*contenders][1:], "default", *[*contenders][2:], *[*contenders][:2]]
     truth, shifted, bent, failing = (next(own for own in measured if own.method == name) for name in contenders)
-    assert truth.overlay and truth.found == 1.0 and truth.error < 1e-6 and truth.gap < 1e-12
-    assert not shifted.overlay and shifted.found < 1.0 and shifted.gap == pytest.approx(0.1)
+    assert truth.overlay and truth.right == 1.0 and truth.error < 1e-6 and truth.gap < 1e-12
+    assert not shifted.overlay and shifted.right < 1.0 and shifted.gap == pytest.approx(0.1)
     assert np.isnan(shifted.joints) and truth.joints == pytest.approx(0.0, abs=1e-9)
     assert bent.overlay is None and 0.001 < bent.error < 0.0101 and bent.bend < 1e-6
     assert failing.fault == "ScanError: scan: out of luck" and not failing.overlay

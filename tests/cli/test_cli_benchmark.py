@@ -26,7 +26,7 @@ def test_methods_side_by_side(arm: Path, tmp_path: Path, pwralign: Call) -> None
     ]  # fmt: skip
     assert all(own["seconds"] > 0 and not own["fault"] for own in measured)
     ours = [own for own in measured if own["method"] == "default"]
-    assert all(own["overlay"] and own["found"] == 1.0 and own["gap"] < 1e-9 for own in ours)
+    assert all(own["overlay"] and own["right"] == 1.0 and own["gap"] < 1e-9 for own in ours)
     rigid = next(line for line in outcome.out.splitlines() if line.startswith("small_gicp"))
     assert rigid.split()[-5:] == ["1.00", "1.00", "to", "1.00", "0"]
     assert (plots / "peers.png").read_bytes().startswith(b"\x89PNG")
