@@ -21,6 +21,7 @@ from pwralign_kin.benchmark.calibration import as_png
 from pwralign_kin.benchmark.chains import chain, mesh_files
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import figure, markdown, median
+from pwralign_kin.dependencies import open3d
 from pwralign_kin.se3 import Array
 
 if TYPE_CHECKING:
@@ -180,9 +181,15 @@ def parts_cost(size: int, folder: Path, threads: int) -> Cost:
 
 def triangles_cost(size: int, folder: Path, threads: int) -> Cost:
     """Prepare a chain of six parts with `size` triangles in all, read it again, and search a scan of it."""
+    # The libraries that a preparation loads on the way, so that their time and memory do not count.
+    import pinocchio  # noqa: F401
+    import trimesh  # noqa: F401
+    import yourdfpy  # noqa: F401
+
     from pwralign_kin.model import ArticulatedModel
     from pwralign_kin.simulation import Sensor, simulate
 
+    open3d()
     urdf = folder / "chain.urdf"
     idle = memory()
     with _empty_cache(folder):
