@@ -27,9 +27,9 @@ class SignedDistanceOptions:
 
     points: int = 600
     """Points of the scan that are fitted."""
-    starts: int = 24
+    starts: int = 16
     """Random starts where there is no guess; the lowest cost wins."""
-    evaluations: int = 60
+    evaluations: int = 40
     """Most evaluations of one start."""
     robust_scale: float = 0.02
     """Residual at which the loss (soft L1) turns from squares to absolute values."""

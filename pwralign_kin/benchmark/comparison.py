@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,7 +143,7 @@ def rows(measured: Sequence[Measurement], baseline: str = OURS) -> list[list[str
     """
     times = {_place(own): own.seconds for own in measured if own.method == baseline and not own.fault}
     lines = []
-    for name in dict.fromkeys(own.method for own in measured):
+    for name in _methods(measured):
         runs = [own for own in measured if own.method == name]
         done = [own for own in runs if not own.fault]
         overlays = [own.overlay for own in runs if own.overlay is not None]
@@ -159,9 +159,9 @@ def rows(measured: Sequence[Measurement], baseline: str = OURS) -> list[list[str
                 figure(100 * median([own.gap for own in done]), "% D"),
                 figure(100 * median([own.bend for own in done]), "% D"),
                 _seconds(median(seconds)),
-                f"{_seconds(quantile(seconds, 0.25))} to {_seconds(quantile(seconds, 0.75))}",
+                _quartiles(seconds, _seconds),
                 _ratio(median(ratios)),
-                f"{_ratio(quantile(ratios, 0.25))} to {_ratio(quantile(ratios, 0.75))}" if ratios else NONE,
+                _quartiles(ratios, _ratio),
                 str(len(runs) - len(done)),
             ]
         )
@@ -178,7 +178,7 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
     """Return heads and lines of a table: the overlays of every method that has them, robot by robot."""
     robots = list(dict.fromkeys(own.robot for own in measured))
     lines = []
-    for name in dict.fromkeys(own.method for own in measured if own.overlay is not None):
+    for name in _methods([own for own in measured if own.overlay is not None]):
         runs = [own for own in measured if own.method == name]
         cells = [share([bool(own.overlay) for own in runs if own.robot == robot]) for robot in robots]
         lines.append([CONTENDERS[name].title, *cells])
@@ -193,7 +193,7 @@ def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
     tiers = list(by_tier(measured))
     picture = Figure(figsize=(3.6 * len(tiers) + 2.6, 3.6), dpi=100, layout="constrained")
     panels = picture.subplots(1, len(tiers), sharey=True, squeeze=False)[0]
-    methods = list(dict.fromkeys(own.method for own in measured))
+    methods = _methods(measured)
     for axes, (tier, own) in zip(panels, tiers, strict=True):
         for index, name in enumerate(methods):
             runs = [one for one in own if one.method == name]
@@ -213,6 +213,16 @@ def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
     shown = {label: mark for axes in panels for mark, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     picture.legend(list(shown.values()), list(shown), loc="outside right upper", frameon=False, fontsize=8)
     return {"peers.png": as_png(picture)}
+
+
+def _methods(measured: Sequence[Measurement]) -> list[str]:
+    """Return the methods in the order of `CONTENDERS`."""
+    ran = {own.method for own in measured}
+    return [name for name in CONTENDERS if name in ran]
+
+
+def _quartiles(values: Sequence[float], shown: Callable[[float], str]) -> str:
+    return f"{shown(quantile(values, 0.25))} to {shown(quantile(values, 0.75))}" if values else NONE
 
 
 def _place(own: Measurement) -> tuple[str, str, int, int]:

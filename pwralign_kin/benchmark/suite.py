@@ -76,7 +76,7 @@ COMPARED = (*FIGURES, "panda", "ur5", "go2", "allegro")
 COMPARED_TIERS = ("full", "single", "warm")
 """All around, from one side, and from one side with a guess."""
 
-COMPARED_REPEATS = 3
+COMPARED_REPEATS = 2
 
 GUESSED, GUESSED_FRAMES = "panda", 20
 

@@ -44,6 +44,6 @@ def test_a_guess_is_refined(arm: ArticulatedModel) -> None:
 def test_random_starts_find_the_arm(arm: ArticulatedModel) -> None:
     made = simulate(arm, TRUTH, Sensor(points=3000))
     ruler = Ruler(arm)
-    found = signed_distance_fit(arm, np.array(made.scan.points), options=SignedDistanceOptions(points=300))
+    found = signed_distance_fit(arm, np.array(made.scan.points), options=SignedDistanceOptions(points=300, starts=24))
     assert ruler.score(ruler.reference(made.state, made.labels), found).overlay
     assert all(arm.lower <= arm.values(found.joints)) and all(arm.values(found.joints) <= arm.upper)
