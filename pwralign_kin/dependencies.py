@@ -24,6 +24,7 @@ SYSTEM_LIBRARIES = {
 _DISTRIBUTIONS = {
     "PIL": "pillow",
     "collada": "pycollada",
+    "kiss_matcher": "kiss-matcher",
     "open3d": "open3d-cpu",
     "pinocchio": "pin",
     "small_gicp": "small-gicp",
@@ -52,9 +53,16 @@ def rosbags() -> tuple[Any, Any]:
         raise DependencyError("ROS bags need the library rosbags", 'pip install "pwralign-kin[ros]"') from None
 
 
-def small_gicp() -> Any:
-    """Return the module `small_gicp`; raises `DependencyError` where it is missing."""
-    return _loaded("small_gicp")
+def peer(module: str) -> Any:
+    """Return the module of a library that serves comparison only; raises `DependencyError` where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        distribution = _DISTRIBUTIONS.get(module, module)
+        extra = 'pip install "pwralign-kin[benchmark]"'
+        if isinstance(error, ModuleNotFoundError):
+            raise DependencyError(f"{distribution} is not installed", extra) from None
+        raise DependencyError(f"{distribution} does not load ({error})", extra) from error
 
 
 def missing_system_libraries() -> tuple[str, ...]:

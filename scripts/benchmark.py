@@ -16,7 +16,7 @@ from pathlib import Path
 
 from pwralign_kin import files
 from pwralign_kin.benchmark.cases import ROBOTS, SENSORS, sample_names, wheel_robots
-from pwralign_kin.benchmark.provenance import REPORT, provenance
+from pwralign_kin.benchmark.provenance import DOCUMENTS, REPORT, provenance
 from pwralign_kin.benchmark.suite import TABLES, Settings
 from pwralign_kin.benchmark.table import plain, with_section
 from pwralign_kin.exceptions import PwralignError
@@ -52,7 +52,7 @@ def main() -> int:
             if options.write:
                 for picture, content in result.pictures.items():
                     files.write_bytes(PICTURES / picture, content)
-                document = REPOSITORY / REPORT
+                document = REPOSITORY / DOCUMENTS.get(name, REPORT)
                 files.write_text(document, with_section(document.read_text(encoding="utf-8"), name, body))
     except PwralignError as error:
         return _failed(error)

@@ -363,6 +363,11 @@ def _overlap(source: Array, tree: Any, T: Array, options: PartWiseOptions) -> fl
     return float(np.isfinite(away).mean())
 
 
+def rigid_fit(source: Array, target: Array) -> Array:
+    """Return the motion (4, 4) that brings points (n, 3) nearest to others (n, 3)."""
+    return np.asarray(_rigid(source[None], target[None], np.ones(len(source)))[0])
+
+
 def _rigid(source: Array, target: Array, weights: Array) -> Array:
     """Return the motions (m, 4, 4) that bring points (m, n, 3) nearest to others (Kabsch, 1976; Umeyama, 1991)."""
     share = weights / weights.sum()

@@ -134,6 +134,11 @@ class Ruler:
         moved = inverse(reference.placements) @ placements
         return np.array([self._displacement(i, moved[i]) for i in reference.observed])
 
+    def surface_errors(self, reference: Reference, placed: Mapping[int, Array]) -> Array:
+        """Return the same for a surface that need not be rigid: by part, where its samples (n, 3) are, m."""
+        back = inverse(reference.placements)
+        return np.array([self._distance(i, transform(back[i], placed[i])).mean() for i in reference.observed])
+
     def overlaid(self, reference: Reference, placements: Array) -> bool:
         """Return whether the answer looks right, whichever part is called which.
 

@@ -6,18 +6,23 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 
 PACKAGES = (
     "pwralign-kin", "numpy", "scipy", "casadi", "pin", "open3d-cpu", "open3d", "trimesh", "yourdfpy",
-    "example-robot-data", "small-gicp",
+    "example-robot-data", "small-gicp", "kiss-matcher", "pycpd",
 )  # fmt: skip
 
 REPORT = "BENCHMARKS.md"
-"""The document that holds the figures; writing them does not make the tree dirty."""
+"""The document that holds the figures, ..."""
+
+DOCUMENTS: Mapping[str, str] = MappingProxyType({"profile": "docs/profile.md"})
+"""... but for those of some tables. Writing figures does not make the tree dirty."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def _commit(repository: Path) -> str:
         ).stdout.strip()
 
     try:
-        dirty = git("status", "--porcelain", "--", ".", f":!{REPORT}")
+        dirty = git("status", "--porcelain", "--", ".", f":!{REPORT}", *(f":!{path}" for path in DOCUMENTS.values()))
         return git("rev-parse", "--short", "HEAD") + ("-dirty" if dirty else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"

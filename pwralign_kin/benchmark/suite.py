@@ -11,10 +11,13 @@ from typing import Any
 
 from pwralign_kin.benchmark import (
     calibration,
+    comparison,
+    cost,
     curves,
     first_use,
     further,
     joint_gap,
+    profile,
     samples,
     scenes,
     summaries,
@@ -32,7 +35,9 @@ from pwralign_kin.benchmark.cases import (
     simulated_case,
 )
 from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, HASTY, Method, with_outside_pairs
+from pwralign_kin.benchmark.peers import CONTENDERS
 from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate, tier_cases
+from pwralign_kin.benchmark.table import markdown
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
 
@@ -64,6 +69,14 @@ CURVE_MODELS = (*FIGURES, "panda", "go2", "allegro")
 
 TRACKED = ("panda", "z1", "allegro", "solo12", "go2", "tiago")
 """Arms of seven and six joints, a hand, two quadrupeds, and a mobile base with an arm."""
+
+COMPARED = (*FIGURES, "panda", "ur5", "go2", "allegro")
+"""Where other methods are compared: what the published method was shown on, two arms, a quadruped, a hand."""
+
+COMPARED_TIERS = ("full", "single", "warm")
+"""All around, from one side, and from one side with a guess."""
+
+COMPARED_REPEATS = 2
 
 GUESSED, GUESSED_FRAMES = "panda", 20
 
@@ -139,8 +152,8 @@ def further_robots(settings: Settings, progress: Progress) -> Result:
 
 def unsegmented_scenes(settings: Settings, progress: Progress) -> Result:
     """The model in whole rooms, without a mask. The rooms take the place of the tiers."""
-    models = _models(settings, settings.robots or ROBOTS)
-    outcomes = scenes.measure(models, settings.configurations or CONFIGURATIONS, settings.threads, progress)
+    robots = models(settings.samples, settings.robots or ROBOTS)
+    outcomes = scenes.measure(robots, settings.configurations or CONFIGURATIONS, settings.threads, progress)
     return Result(scenes.table(outcomes), outcomes)
 
 
@@ -222,22 +235,52 @@ def joint_gaps(settings: Settings, progress: Progress) -> Result:
 
 def degradation(settings: Settings, progress: Progress) -> Result:
     """Scans that get worse, beside the part-wise rigid baseline."""
-    models = _models(settings, settings.robots or CURVE_MODELS)
-    points = curves.measure(models, settings.configurations or CONFIGURATIONS, settings.threads, progress)
+    robots = models(settings.samples, settings.robots or CURVE_MODELS)
+    points = curves.measure(robots, settings.configurations or CONFIGURATIONS, settings.threads, progress)
     text = "\n".join([curves.curves_table(points), curves.methods_table(points)])
     return Result(text, points, curves.curve_pictures(points))
 
 
 def tracked(settings: Settings, progress: Progress) -> Result:
     """Sequences followed, models found again, guesses refined."""
-    models = list(_models(settings, settings.robots or TRACKED))
-    tracks = list(tracking.tracks(models, settings.frames or tracking.FRAMES, progress))
-    found = list(tracking.recoveries(models, progress))
-    [(name, model)] = _models(settings, (GUESSED,))
+    robots = list(models(settings.samples, settings.robots or TRACKED))
+    tracks = list(tracking.tracks(robots, settings.frames or tracking.FRAMES, progress))
+    found = list(tracking.recoveries(robots, progress))
+    [(name, model)] = models(settings.samples, (GUESSED,))
     count = settings.configurations or GUESSED_FRAMES
     refined = list(tracking.guesses(name, model, count, progress))
     tables = (tracking.tracks_table(tracks), tracking.recoveries_table(found), tracking.guesses_table(refined))
     return Result("\n".join(tables), {"tracks": tracks, "recoveries": found, "guesses": refined})
+
+
+def peers(settings: Settings, progress: Progress) -> Result:
+    """Ours beside everything else, in one run."""
+    cases = tier_cases(
+        models(settings.samples, settings.robots or COMPARED), settings.tiers or COMPARED_TIERS,
+        settings.configurations or 1,
+    )  # fmt: skip
+    measured = comparison.compare(cases, CONTENDERS, COMPARED_REPEATS, 0, settings.threads, progress)
+    tables = [
+        f"**{tier}**\n\n{markdown(comparison.HEADS, comparison.rows(own))}"
+        for tier, own in comparison.by_tier(measured)
+    ]
+    by_robot = markdown(*comparison.overlays_by_robot(measured))
+    return _illustrated([*tables, by_robot], measured, comparison.pictures(measured))
+
+
+def cost_against_size(settings: Settings, progress: Progress) -> Result:
+    """Time and memory against scan points, parts and triangles."""
+    measured = cost.measure(settings.threads, progress)
+    return _illustrated([cost.tables(measured)], measured, cost.pictures(measured))
+
+
+def where_time_goes(settings: Settings, progress: Progress) -> Result:
+    """Stages and functions of estimates."""
+    cases = tier_cases(
+        models(settings.samples, settings.robots or COMPARED), settings.tiers or TIERS, settings.configurations or 1
+    )
+    measured = profile.measure(cases, settings.threads, progress)
+    return Result(profile.tables(measured), measured)
 
 
 TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
@@ -255,14 +298,25 @@ TABLES: Mapping[str, Callable[[Settings, Progress], Result]] = MappingProxyType(
         "samples": sample_scans,
         "gap": joint_gaps,
         "tracking": tracked,
+        "peers": peers,
+        "cost": cost_against_size,
+        "profile": where_time_goes,
     }
 )
+
+
+def _illustrated(texts: Iterable[str], records: Any, pictures: Mapping[str, bytes]) -> Result:
+    """Return figures whose pictures stand before them."""
+    links = "\n".join(f"![{name.removesuffix('.png').replace('_', ' ')}](docs/{name})" for name in pictures)
+    return Result("\n".join([f"{links}\n", *texts]), records, pictures)
 
 
 @cache
 def _as_it_comes(settings: Settings, robots: tuple[str, ...], progress: Progress) -> list[Outcome]:
     """Return the outcomes of these robots with the default options; tables of one run share them."""
-    cases = tier_cases(_models(settings, robots), settings.tiers or TIERS, settings.configurations or CONFIGURATIONS)
+    cases = tier_cases(
+        models(settings.samples, robots), settings.tiers or TIERS, settings.configurations or CONFIGURATIONS
+    )
     return evaluate(cases, {"default": DEFAULT}, settings.threads, progress)
 
 
@@ -284,21 +338,24 @@ def _evaluate(
     progress: Progress,
     configurations: int = CONFIGURATIONS,
 ) -> list[Outcome]:
-    models = _models(settings, settings.robots or robots)
-    cases = tier_cases(models, settings.tiers or tiers, settings.configurations or configurations)
+    chosen = models(settings.samples, settings.robots or robots)
+    cases = tier_cases(chosen, settings.tiers or tiers, settings.configurations or configurations)
     return evaluate(cases, methods, settings.threads, progress)
 
 
-def _models(settings: Settings, names: Iterable[str]) -> Iterator[tuple[str, ArticulatedModel]]:
-    """Yield sample models and robots of the wheel by name."""
-    samples = sample_names(settings.samples)
+def models(folder: Path, names: Iterable[str]) -> Iterator[tuple[str, ArticulatedModel]]:
+    """Yield sample models in `folder` and robots of the wheel by name, other models by their URDF file."""
+    samples = sample_names(folder)
     for name in names:
-        yield name, load_sample(settings.samples, name) if name in samples else load_robot(name)
+        if name.endswith(".urdf"):
+            yield Path(name).stem, ArticulatedModel.from_urdf(name)
+            continue
+        yield name, load_sample(folder, name) if name in samples else load_robot(name)
 
 
 def _gap_cases(settings: Settings) -> Iterator[tuple[ArticulatedModel, Case]]:
     """Yield a case per robot and tier; with all robots also the sample scans: mimic joints and slides."""
-    for robot, model in _models(settings, settings.robots or ROBOTS):
+    for robot, model in models(settings.samples, settings.robots or ROBOTS):
         for tier in settings.tiers or GAP_TIERS:
             yield model, simulated_case(model, robot, tier, 0)
     if settings.robots is None:

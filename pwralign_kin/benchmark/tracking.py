@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pwralign_kin.benchmark.metrics import Reference, Ruler, wrapped
 from pwralign_kin.benchmark.runs import Models, Progress
 from pwralign_kin.benchmark.table import figure, markdown, median, quantile, share
-from pwralign_kin.dependencies import small_gicp
+from pwralign_kin.dependencies import peer
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, rotation_about, transform
@@ -215,7 +215,7 @@ class _Rigid:
 
     def __init__(self, model: ArticulatedModel) -> None:
         self.model = model
-        self.library = small_gicp()
+        self.library = peer("small_gicp")
         random = np.random.default_rng(0)
         areas = np.array([surface.area for surface in model.surfaces])
         counts = np.round(RIGID_POINTS * areas / areas.sum()).astype(int)

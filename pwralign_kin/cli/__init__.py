@@ -21,6 +21,7 @@ VERBS = {
     "track": "Follow a model through a stream of scans or depth images: a state per frame.",
     "inspect": "Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds.",
     "simulate": "Scan a model in software: points with the truth beside them.",
+    "benchmark": "Compare this estimator with other methods: how right and how fast on the same scans.",
     "doctor": "Check that everything this program needs is installed, and say how to mend it.",
 }
 """Each verb is a module of this package with a function of the same name."""

@@ -96,6 +96,18 @@ def read_joints(path: Path) -> dict[str, float]:
         raise StateError(f"{path}: {error}") from None
 
 
+def known_names(kind: str, text: str | None, valid: Iterable[str]) -> tuple[str, ...]:
+    """Return the names in a list with commas, none for None; raises `UnknownNameError` for one that is not valid."""
+    from pwralign_kin.exceptions import UnknownNameError
+
+    names = () if text is None else tuple(text.split(","))
+    valid = tuple(valid)
+    for name in names:
+        if name not in valid:
+            raise UnknownNameError(kind, name, valid)
+    return names
+
+
 def placement(pose: Pose) -> Array:
     """Return the (4, 4) placement of x y z qx qy qz qw; raises `StateError` for a quaternion that is none."""
     import numpy as np

@@ -36,7 +36,7 @@ class ObservationOptions:
     """How a scan is prepared. Lengths in model diagonals."""
 
     most_raw: int = 60000
-    """Points that are kept undownsampled, for the outline."""
+    """Points that are kept undownsampled, for the outline and to tell the noise by."""
     given_per_cell: int = 2
     """Points of each cell of the downsampling that are kept as given, for the joint least squares."""
     voxel: float = 0.01
@@ -136,7 +136,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw = _without_wide_plane(raw, options, threads)
     points, _, cell = kernels.voxel_means(raw, options.voxel)
     points, spacing = _without_strays(points, options)
-    noise = noise_of(raw)
+    noise = noise_of(at_most(raw, options.most_raw))
     normals = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
     count = len(points)
@@ -162,19 +162,21 @@ def normals_of(points: Float, noise: float, spacing: float, options: Observation
 
 def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
     """Raise `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres)."""
-    occupied = len(kernels.voxel_means(raw, options.voxel)[0]) if np.ptp(raw, axis=0).max() < MOST_EXTENT else 0
+    extent = np.ptp(raw, axis=0)
+    few = at_most(raw, options.most_raw)
+    occupied = len(kernels.voxel_means(few, options.voxel)[0]) if extent.max() < MOST_EXTENT else 0
     if 0 < occupied < LEAST_POINTS:
         raise ScanError(
             scan.source,
             f"it fills only {occupied} cells of {100 * options.voxel:g}% of the model, which is {diagonal:.3g} m "
             "across: is the scan of this model and at its scale?",
         )
-    cells = np.prod(np.ptp(raw, axis=0) / options.field_cell + 10)
+    cells = np.prod(extent / options.field_cell + 10)
     if occupied == 0 or cells > MOST_CELLS:
         check_units(scan, diagonal)
         raise ScanError(
             scan.source,
-            f"it spans {np.ptp(raw, axis=0).max():.3g} times the model, which is {diagonal:.3g} m across: "
+            f"it spans {extent.max():.3g} times the model, which is {diagonal:.3g} m across: "
             "crop it to the surroundings of the model (--crop)",
         )
 
