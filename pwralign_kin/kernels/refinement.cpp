@@ -49,8 +49,7 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
             const float reach = 2.25f * squared + 1e-5f;
             for (int i = 0; i < count; ++i) {
                 const Vec x = apply(F[p], s.p[i]);
-                const int64_t at = field.cell_at(x);
-                const int k = at < 0 ? -1 : field.nearest(at);
+                const int k = field.nearest(x);
                 if (k < 0) continue;
                 const OrientedPoint &q = field.points[k];
                 const Vec m = rotate(F[p], s.n[i]);
