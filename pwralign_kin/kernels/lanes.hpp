@@ -14,6 +14,12 @@ inline FloatLanes load_lanes(const float *from) {
     std::memcpy(&out, from, sizeof(out));
     return out;
 }
+inline IntLanes load_lanes(const int *from) {
+    IntLanes out;
+    std::memcpy(&out, from, sizeof(out));
+    return out;
+}
+template <typename Lanes, typename Number> void store_lanes(Lanes lanes, Number *to) { std::memcpy(to, &lanes, sizeof(lanes)); }
 inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
 inline FloatLanes max_lanes(FloatLanes a, FloatLanes b) { return a > b ? a : b; }
 inline FloatLanes abs_lanes(FloatLanes a) { return max_lanes(a, -a); }
@@ -34,7 +40,9 @@ struct VecLanes {
 };
 inline VecLanes operator-(const VecLanes &a, const VecLanes &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 inline VecLanes operator-(Vec a, const VecLanes &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline VecLanes operator-(const VecLanes &a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 inline FloatLanes dot(const VecLanes &a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline FloatLanes dot(Vec a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline VecLanes rotate(const RigidF &A, const VecLanes &p) {
     return {A.R[0] * p.x + A.R[1] * p.y + A.R[2] * p.z, A.R[3] * p.x + A.R[4] * p.y + A.R[5] * p.z,
             A.R[6] * p.x + A.R[7] * p.y + A.R[8] * p.z};
@@ -58,6 +66,14 @@ struct SplitPoints {
     SplitPoints(const Vec *points, int64_t count, int64_t stride)
         : x(count + lane_count, 0.f), y(count + lane_count, 0.f), z(count + lane_count, 0.f), size(count) {
         for (int64_t i = 0; i < count; ++i) x[i] = points[i * stride].x, y[i] = points[i * stride].y, z[i] = points[i * stride].z;
+    }
+    void clear() { size = 0; }
+    void push(Vec p) {
+        if (size + lane_count >= int64_t(x.size())) {
+            const size_t most = 2 * size + 4 * lane_count;
+            x.resize(most, 0.f), y.resize(most, 0.f), z.resize(most, 0.f);
+        }
+        x[size] = p.x, y[size] = p.y, z[size] = p.z, ++size;
     }
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
 };

@@ -135,6 +135,15 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(std::move(planes.variance)), to_numpy(std::move(planes.neighbours)));
     }, "points"_a, "radius"_a, "threads"_a);
+    m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
+        Neighbours near;
+        {
+            nb::gil_scoped_release release;
+            near = nearest_neighbours(vectors(points), points.shape(0), vectors(queries), queries.shape(0), count, threads);
+        }
+        const size_t asked = queries.shape(0), each = near.each;
+        return nb::make_tuple(to_numpy(std::move(near.distance), {asked, each}), to_numpy(std::move(near.point), {asked, each}));
+    }, "points"_a, "queries"_a, "count"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
         nb::gil_scoped_release release;

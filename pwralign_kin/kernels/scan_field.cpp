@@ -32,6 +32,10 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     if (has_origin) mark_occluded(depth_points, pixel, tolerance, threads);
 }
 
+namespace {
+const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
+}
+
 // Every layer of cells along x is filled on its own, by all points in order: a cell keeps the first of those nearest.
 void ScanField::splat(float truncation, int threads) {
     outside = nx * ny * nz;
@@ -45,7 +49,9 @@ void ScanField::splat(float truncation, int threads) {
         for (int64_t layer = std::max<int64_t>(0, i - reach); layer <= std::min<int64_t>(nx - 1, i + reach); ++layer)
             near.insert(near.end(), of_layer[layer].begin(), of_layer[layer].end());
         if (near.empty()) return;
-        std::vector<float> nearest_squared(int64_t(ny) * nz, 1e30f);
+        // Written a few cells at a time, also past the end.
+        std::vector<float> squared(int64_t(ny) * nz + lane_count, 1e30f);
+        std::vector<int> codes(squared.size(), nothing);
         for (const int s : near) {
             const Vec p = points[s].p;
             const int cj = int((p.y - origin.y) * inverse), ck = int((p.z - origin.z) * inverse);
@@ -54,18 +60,19 @@ void ScanField::splat(float truncation, int threads) {
             for (int j = std::max(0, cj - reach); j <= std::min(ny - 1, cj + reach); ++j) {
                 const float dy = origin.y + (j + .5f) * cell - p.y, left = rest - dy * dy;
                 if (left < 0) continue;
-                const int width = int(std::sqrt(left) * inverse) + 1;
-                const int first = std::max(0, ck - width), last = std::min(nz - 1, ck + width);
-                int *row = &cells[(i * ny + j) * nz];
-                float *row_squared = &nearest_squared[int64_t(j) * nz];
-                for (int k = first; k <= last; ++k) {
-                    const float dz = origin.z + (k + .5f) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
-                    const bool nearer = d < row_squared[k] || (d == row_squared[k] && 2 * s < row[k]);
-                    row_squared[k] = nearer ? d : row_squared[k];
-                    row[k] = nearer ? 2 * s : row[k];
+                const int width = int(std::sqrt(left) * inverse) + 1, last = std::min(nz - 1, ck + width);
+                for (int k = std::max(0, ck - width); k <= last; k += lane_count) {
+                    const int64_t at = int64_t(j) * nz + k;
+                    const FloatLanes dz = origin.z + (centres + float(k)) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
+                    const FloatLanes before = load_lanes(&squared[at]);
+                    const IntLanes code = load_lanes(&codes[at]), own = IntLanes{} + 2 * s;
+                    const IntLanes nearer = first_lanes(last + 1 - k) & ((d < before) | ((d == before) & (own < code)));
+                    store_lanes(nearer ? d : before, &squared[at]);
+                    store_lanes(nearer ? own : code, &codes[at]);
                 }
             }
         }
+        std::copy(codes.begin(), codes.end() - lane_count, &cells[i * ny * nz]);
     });
 }
 
@@ -108,15 +115,21 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
             }
     }
     parallel_for(nx, threads, [&](int64_t i) {
-        for (int j = 0; j < ny; ++j)
-            for (int k = 0; k < nz; ++k) {
-                float u, v, z;
-                const Vec p{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z + (k + .5f) * cell};
-                if (!project(p, u, v, z)) continue;
-                const float x = u + width * .5f, y = v + height * .5f;
-                if (x < 0 || y < 0 || x >= width || y >= height) continue;
-                if (z > depth[int64_t(y) * width + int64_t(x)] + tolerance) cells[(i * ny + j) * nz + k] |= 1;
+        for (int j = 0; j < ny; ++j) {
+            const Vec start = Vec{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z} - sensor;
+            int *row = &cells[(i * ny + j) * nz];
+            for (int k = 0; k < nz; k += lane_count) {
+                const FloatLanes along = (centres + float(k)) * cell;
+                const FloatLanes range = dot(start, forward) + along * forward.z, scale = focal / range;
+                const FloatLanes x = scale * (dot(start, right) + along * right.z) + width * .5f,
+                                 y = scale * (dot(start, down) + along * down.z) + height * .5f;
+                const IntLanes inside = first_lanes(nz - k) & (range > 1e-6f) & (x >= 0) & (y >= 0) &
+                                        (x < float(width)) & (y < float(height));
+                if (!any_lane(inside)) continue;
+                for (int l = 0; l < lane_count; ++l)
+                    if (inside[l] && range[l] > depth[int64_t(y[l]) * width + int64_t(x[l])] + tolerance) row[k + l] |= 1;
             }
+        }
     });
 }
 
