@@ -220,7 +220,7 @@ class Estimator:
         after = search.part_placements(Candidates(origin, moved[None], none))[0, child]
         bases = np.array([base, base, base @ before @ inverse(after)])
         choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
-        scores, coverage = search.scored(choices)[0].scores, search.coverage(choices)
+        scores, coverage = search.weighed(choices)
         best = int(np.argmax(scores[1:])) + 1
         lost = (coverage[0] - coverage[best]) * len(search.observation.points)
         if scores[best] < scores[0] - NO_COST or lost > NO_POINTS:

@@ -121,8 +121,7 @@ void Articulated::compose(Normal *normal, const double *twists, double *H, doubl
             if (ancestor != p) H[column * size + row] += value;
         }
         Normal &above = normal[parent[p]];
-        for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
-        for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
+        above.add(normal[p]);
     }
 }
 

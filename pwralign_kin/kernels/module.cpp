@@ -437,17 +437,14 @@ void bind_search(nb::module_ &m) {
             require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
             std::vector<OrientedPoint> sampled;
             for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
-            std::vector<Normal> normal(n);
-            Assignment a;
+            std::vector<Normal> normal;
+            std::vector<int> counts;
             {
                 nb::gil_scoped_release release;
-                self.accumulate(sampled, T, sigma, cap, support_weight, part_weights.data(), normal, a);
+                normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), counts);
             }
             std::vector<double> H, g;
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
-            std::vector<int> counts(n, 0);
-            for (int p : a.part)
-                if (p >= 0) ++counts[p];
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
 }
