@@ -47,17 +47,8 @@ struct Surface {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
     }
-    // Closest dense sample of a local position; -1 beyond the grid's band. The surface is taken as a disc of radius
-    // `slack` around each sample: `aside` is how far beyond its rim the position lies, `distance` that to the disc.
-    int closest(Vec local, float &distance, float &aside) const {
-        const float x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
-                    z = (local.z - grid_origin.z) / cell;
-        if (x < 0 || y < 0 || z < 0 || x >= dims[0] || y >= dims[1] || z >= dims[2]) return -1;
-        const uint16_t sample = grid[(int64_t(x) * dims[1] + int(y)) * dims[2] + int(z)];
-        if (sample == none) return -1;
-        distance = distance_to(sample, local, aside);
-        return sample;
-    }
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
+    // `aside` is how far beyond its rim the position lies.
     float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);

@@ -1,10 +1,10 @@
+#include "closest_parts.hpp"
 #include "sample_lanes.hpp"
 #include "search.hpp"
 #include <numeric>
 
 namespace pwr {
 
-// The part whose surface is nearest to each point: boxes first, then the parts' closest-sample grids.
 Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                           float cap) const {
     Assignment a;
@@ -14,50 +14,13 @@ Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, cons
 }
 
 void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const {
-    // Part by part, in three passes that do not wait for memory: boxes tell most points apart; the others' cells are
-    // fetched, then the samples that these name.
-    struct Close {
-        int point, at; // cell, then sample
-        Vec local;
-    };
     const int64_t count = int64_t(a.distance.size());
     const SplitPoints split(points, count, stride);
     std::vector<float> best = a.distance;
     best.resize(count + lane_count, 0.f);
-    std::vector<Close> close(count);
-    for (int p = 0; p < model.parts; ++p) {
-        if (!mask[p]) continue;
-        const Surface &s = model.surface[p];
-        const RigidF F = to_float(T[p]);
-        int found = 0, named = 0;
-        for (int64_t block = 0; block < count; block += lane_count) {
-            const VecLanes local = apply_inverse(F, split.at(block));
-            const VecLanes out{max_lanes(abs_lanes(local.x - s.middle.x) - s.half.x, FloatLanes{}),
-                               max_lanes(abs_lanes(local.y - s.middle.y) - s.half.y, FloatLanes{}),
-                               max_lanes(abs_lanes(local.z - s.middle.z) - s.half.z, FloatLanes{})};
-            const FloatLanes limit = load_lanes(&best[block]);
-            const IntLanes near = dot(out, out) < limit * limit;
-            if (!any_lane(near)) continue;
-            const IntLanes cells = s.cells_at(local);
-            for (int j = 0; j < lane_count; ++j) {
-                if (!near[j] || cells[j] < 0) continue;
-                __builtin_prefetch(&s.grid[cells[j]]);
-                close[found++] = {int(block) + j, cells[j], {local.x[j], local.y[j], local.z[j]}};
-            }
-        }
-        for (int c = 0; c < found; ++c) {
-            const uint16_t sample = s.grid[close[c].at];
-            if (sample == none) continue;
-            __builtin_prefetch(&s.dense[sample]);
-            close[named++] = {close[c].point, sample, close[c].local};
-        }
-        for (int c = 0; c < named; ++c) {
-            float aside;
-            const float distance = s.distance_to(close[c].at, close[c].local, aside);
-            const int i = close[c].point;
-            if (distance < best[i]) best[i] = distance, a.part[i] = p, a.sample[i] = close[c].at;
-        }
-    }
+    std::vector<CloseSample> close;
+    for (int p = 0; p < model.parts; ++p)
+        if (mask[p]) offer_part(model.surface[p], p, to_float(T[p]), split, best.data(), a.part.data(), a.sample.data(), close);
     std::copy(best.begin(), best.begin() + count, a.distance.begin());
 }
 
