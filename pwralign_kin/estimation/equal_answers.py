@@ -121,7 +121,7 @@ class _Follower:
             found[:, 0], fits = self._actuated(joints[0], angle)
             motion = inverse(_turns(joints[0].axis, angle) @ between) @ motion
         joint, t = joints[-1], motion[:, :3, 3]
-        angle, turned = _about(motion[:, :3, :3], joint.axis)
+        angle, turned = turned_about(motion[:, :3, :3], joint.axis)
         if joint.kind == "prismatic":
             along = t @ joint.axis
             found[:, -1], within = self._actuated(joint, along * self.model.diagonal)
@@ -179,7 +179,7 @@ def _turns(axis: Array, angle: Array) -> Array:
     return T
 
 
-def _about(R: Array, axis: Array) -> tuple[Array, Array]:
+def turned_about(R: Array, axis: Array) -> tuple[Array, Array]:
     """Return the angles (m,) of the rotations (m, 3, 3) about `axis`, and what of them is not about it."""
     # In terms of the quaternion (w, v) with c = v . axis: 4 w c over 2 (w^2 - c^2), and 2 (w^2 + c^2) - 1.
     sine = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) @ axis

@@ -132,7 +132,9 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
     origin = common_origin(scan, centre, diagonal)
-    plane = wide_plane(raw, options, options.plane_spread, threads) if options.remove_planes and origin is None else None
+    plane = (
+        wide_plane(raw, options, options.plane_spread, threads) if options.remove_planes and origin is None else None
+    )
     if plane is not None:
         raw = _without_plane(raw, *plane, options)
         points, _, cell = kernels.voxel_means(raw, options.voxel)
@@ -161,9 +163,7 @@ def normals_of(points: Float, noise: float, spacing: float, options: Observation
     return np.asarray(kernels.local_planes(points, radius, threads)[0])
 
 
-def _cells(
-    scan: Scan, raw: Float, diagonal: float, options: ObservationOptions
-) -> tuple[Float, NDArray[np.int32]]:
+def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> tuple[Float, NDArray[np.int32]]:
     """Return the mean of each cell of the downsampling, and the cell of each point.
 
     Raises `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres).
@@ -248,12 +248,12 @@ def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
     products = np.cumsum(offsets[:, :, first] * offsets[:, :, second], axis=1)[:, counts - 1]
     freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
     scatter = products - sums[:, :, first] * sums[:, :, second] / counts[:, None]
-    thin, wide = np.median(_lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
+    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * freedom)) ** 3, wide
 
 
-def _lower_eigenvalues(matrices: Array) -> Array:
+def lower_eigenvalues(matrices: Array) -> Array:
     """Return the two lesser eigenvalues (..., 2), at least 0, of symmetric 3x3 matrices given by xx xy xz yy yz zz
     (..., 6) (O. K. Smith, Communications of the ACM 4, 1961)."""
     xx, xy, xz, yy, yz, zz = np.moveaxis(matrices, -1, 0)
