@@ -264,7 +264,7 @@ def lower_eigenvalues(matrices: Array) -> Array:
     angle = np.arccos(np.clip(determinant / np.maximum(2 * spread**3, 1e-300), -1.0, 1.0)) / 3
     least = mean + 2 * spread * np.cos(angle + 2 * np.pi / 3)
     middle = 3 * mean - least - (mean + 2 * spread * np.cos(angle))
-    return np.maximum(np.stack([least, middle], axis=-1), 0.0)
+    return np.asarray(np.maximum(np.stack([least, middle], axis=-1), 0.0))
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
