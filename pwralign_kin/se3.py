@@ -18,8 +18,11 @@ Array = NDArray[np.float64]
 
 
 def skew(v: Array) -> Array:
-    """Return the (3, 3) matrix of the cross product with `v` (3,)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    """Return the matrices (..., 3, 3) of the cross products with `v` (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return out
 
 
 def rotation_about(axis: Array, angle: float) -> Array:

@@ -19,8 +19,15 @@ from pwralign_kin.exceptions import CorrespondenceError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
 
-WARM_SIGMAS = (0.03, 0.06, 0.1)
-"""Robust scales (model diagonals) that a guess is refined from."""
+WARM_SIGMAS = (0.06, 0.03, 0.1)
+"""Robust scales (model diagonals) that a guess is refined from, until the answer is plainly right."""
+PLAIN_UNEXPLAINED = 0.004
+"""An answer that is plainly right leaves no greater share of the scan unexplained, ..."""
+PLAIN_REACH, PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.005, 0.01, 0.1, 25
+"""... no more of the points farther from it than this (model diagonals) and three times the noise, be it of all points
+or of those of one part (or of so many, where it has fewer), ..."""
+PLAIN_SUPPORT = -0.12
+"""... and has no part that a single view speaks against by more."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 WORTH_WIDE_BEAMS = 0.1
@@ -93,8 +100,12 @@ class AnswerSearch:
         search = self.search
         start = Candidates(base[None], values[None].copy(), np.zeros(1, np.float32))
         with self.watch.stage("refinement"):
-            starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
-            refined = search.scored(Candidates.concatenate(starts))[0]
+            found: list[Candidates] = []
+            for sigma in WARM_SIGMAS:
+                found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
+                if is_plainly_right(search, found[-1]):
+                    return found[-1]
+            refined = Candidates.concatenate(found)
         with self.watch.stage("repair"):
             solutions = self._repaired(refined, turn=False)
         # Things may touch the model in a scene.
@@ -207,6 +218,24 @@ class AnswerSearch:
     def _nothing_placed(self) -> CorrespondenceError:
         sources = self.options.sources
         return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+
+
+def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
+    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
+    if search.observation.scene:
+        return False  # what else the scene holds hides what is wrong
+    distance, owner = search.owners(candidate, search.exists)
+    if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
+        return False
+    off = distance > PLAIN_REACH + 3.0 * search.observation.noise
+    points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
+    off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
+    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
 
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:

@@ -16,7 +16,7 @@ from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.model.part_graph import MovingJoint
-from pwralign_kin.se3 import Array, inverse
+from pwralign_kin.se3 import Array, inverse, skew
 
 SEEDS = 12
 """Turns of parts that are followed, of the largest parts first."""
@@ -121,7 +121,7 @@ class _Follower:
             found[:, 0], fits = self._actuated(joints[0], angle)
             motion = inverse(_turns(joints[0].axis, angle) @ between) @ motion
         joint, t = joints[-1], motion[:, :3, 3]
-        angle, turned = _about(motion[:, :3, :3], joint.axis)
+        angle, turned = turned_about(motion[:, :3, :3], joint.axis)
         if joint.kind == "prismatic":
             along = t @ joint.axis
             found[:, -1], within = self._actuated(joint, along * self.model.diagonal)
@@ -172,18 +172,16 @@ def _bringing(axis: Array, source: Array, target: Array) -> Array:
 
 
 def _turns(axis: Array, angle: Array) -> Array:
-    """Return the placements (m, 4, 4) turned by `angle` (m,) about `axis`."""
-    from scipy.spatial.transform import Rotation
-
+    """Return the placements (m, 4, 4) turned by `angle` (m,) about `axis` (Rodrigues' formula)."""
+    K = skew(axis)
     T = np.tile(np.eye(4), (len(angle), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(angle[:, None] * axis).as_matrix()
+    T[:, :3, :3] += np.sin(angle)[:, None, None] * K + (1.0 - np.cos(angle))[:, None, None] * (K @ K)
     return T
 
 
-def _about(R: Array, axis: Array) -> tuple[Array, Array]:
+def turned_about(R: Array, axis: Array) -> tuple[Array, Array]:
     """Return the angles (m,) of the rotations (m, 3, 3) about `axis`, and what of them is not about it."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat().T
-    along = x * axis[0] + y * axis[1] + z * axis[2]
-    return 2 * np.arctan2(along, w), 2 * np.arccos(np.clip(np.hypot(along, w), 0.0, 1.0))
+    # In terms of the quaternion (w, v) with c = v . axis: 4 w c over 2 (w^2 - c^2), and 2 (w^2 + c^2) - 1.
+    sine = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) @ axis
+    kept = np.einsum("i,mij,j->m", axis, R, axis)
+    return np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - kept), np.arccos(np.clip(kept, -1.0, 1.0))

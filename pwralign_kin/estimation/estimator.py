@@ -19,7 +19,7 @@ from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
-from pwralign_kin.estimation.scene import is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene import is_scene, observe_scene
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
@@ -127,24 +127,23 @@ class Estimator:
     def _observe(self, scan: Scan, initial: State | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
-        reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
         if options.region is None and not is_scene(
-            scan, model.diagonal, reach, options.scene, options.observation, self.threads
+            scan, model.diagonal, model.reach, options.scene, options.observation, self.threads
         ):
             return observe(scan, model.diagonal, options.observation, self.threads)
-        box = self._searched_box(initial, reach)
+        box = self._searched_box(initial)
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
         )
 
-    def _searched_box(self, initial: State | None, reach: float) -> tuple[Array, Array]:
+    def _searched_box(self, initial: State | None) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         if self.options.region is not None:
             low, high = np.array(self.options.region[:3], float), np.array(self.options.region[3:], float)
         if self.options.near is not None:
-            low = np.maximum(low, np.array(self.options.near) - reach)
-            high = np.minimum(high, np.array(self.options.near) + reach)
+            low = np.maximum(low, np.array(self.options.near) - self.model.reach)
+            high = np.minimum(high, np.array(self.options.near) + self.model.reach)
         if initial is not None:
             placements = self.model.root_placement(initial) @ self.model.part_placements(
                 self.model.values(initial.joints)
@@ -221,7 +220,7 @@ class Estimator:
         after = search.part_placements(Candidates(origin, moved[None], none))[0, child]
         bases = np.array([base, base, base @ before @ inverse(after)])
         choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
-        scores, coverage = search.scored(choices)[0].scores, search.coverage(choices)
+        scores, coverage = search.weighed(choices)
         best = int(np.argmax(scores[1:])) + 1
         lost = (coverage[0] - coverage[best]) * len(search.observation.points)
         if scores[best] < scores[0] - NO_COST or lost > NO_POINTS:

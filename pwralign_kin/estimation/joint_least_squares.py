@@ -195,7 +195,7 @@ class JointLeastSquares:
         R = base[:3, :3]
         # Pinocchio gives the velocity of each part's own origin; twists are about the base's origin here.
         J = self.model.part_jacobians(metres)
-        angular, linear = J[:, :3], J[:, 3:] - np.cross(J[:, :3], placements[:, :3, 3, None], axis=1)
+        angular, linear = J[:, :3], J[:, 3:] + se3.skew(placements[:, :3, 3]) @ J[:, :3]
         joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.unit
         full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
@@ -208,7 +208,7 @@ class JointLeastSquares:
         outline = self.outline(base @ placed, base[:3, 3])
         mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
-        H = np.einsum("pia,pij,pjb->ab", full, information, full)
+        H = normal_matrix(full, information)
         g = np.einsum("pia,pi->a", full, part_g)
         return Problem(H, g, information, mass, full, counts, part_g, self.prior(base, values), sigma)
 
@@ -265,6 +265,12 @@ class JointLeastSquares:
         wraps = self.model.continuous & (span > 0)
         turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
         return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+def normal_matrix(J: Array, information: Array) -> Array:
+    """Return the sum over parts of J' information J (n, n); `J` (parts, 6, n), `information` (parts, 6, 6)."""
+    size = J.shape[2]
+    return np.asarray(J.reshape(-1, size).T @ (information @ J).reshape(-1, size))
 
 
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:

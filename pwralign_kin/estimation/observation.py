@@ -130,13 +130,16 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
     centre = np.asarray(scan.points.mean(axis=0))
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
-    _check_scale(scan, raw, diagonal, options)
+    points, cell = _cells(scan, raw, diagonal, options)
     origin = common_origin(scan, centre, diagonal)
-    if options.remove_planes and origin is None:
-        raw = _without_wide_plane(raw, options, threads)
-    points, _, cell = kernels.voxel_means(raw, options.voxel)
-    points, spacing = _without_strays(points, options)
-    noise = noise_of(at_most(raw, options.most_raw))
+    plane = (
+        wide_plane(raw, options, options.plane_spread, threads) if options.remove_planes and origin is None else None
+    )
+    if plane is not None:
+        raw = _without_plane(raw, *plane, options)
+        points, _, cell = kernels.voxel_means(raw, options.voxel)
+    points, spacing = _without_strays(points, options, threads)
+    noise = noise_of(at_most(raw, options.most_raw), threads)
     normals = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
     count = len(points)
@@ -145,9 +148,9 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        options.depth_pixel, options.depth_tolerance, options.shadow,
+        options.depth_pixel, options.depth_tolerance, options.shadow, threads,
     )  # fmt: skip
-    given, given_normals = as_given(raw, cell, points, normals, options)
+    given, given_normals = as_given(raw, cell, points, normals, options, threads)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
         noise, origin, field, centre, diagonal,
@@ -160,25 +163,29 @@ def normals_of(points: Float, noise: float, spacing: float, options: Observation
     return np.asarray(kernels.local_planes(points, radius, threads)[0])
 
 
-def _check_scale(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> None:
-    """Raise `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres)."""
+def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> tuple[Float, NDArray[np.int32]]:
+    """Return the mean of each cell of the downsampling, and the cell of each point.
+
+    Raises `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres).
+    """
     extent = np.ptp(raw, axis=0)
-    few = at_most(raw, options.most_raw)
-    occupied = len(kernels.voxel_means(few, options.voxel)[0]) if extent.max() < MOST_EXTENT else 0
-    if 0 < occupied < LEAST_POINTS:
+    means, cell = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
+    if extent.max() < MOST_EXTENT:
+        means, _, cell = kernels.voxel_means(raw, options.voxel)
+    if 0 < len(means) < LEAST_POINTS:
         raise ScanError(
             scan.source,
-            f"it fills only {occupied} cells of {100 * options.voxel:g}% of the model, which is {diagonal:.3g} m "
+            f"it fills only {len(means)} cells of {100 * options.voxel:g}% of the model, which is {diagonal:.3g} m "
             "across: is the scan of this model and at its scale?",
         )
-    cells = np.prod(extent / options.field_cell + 10)
-    if occupied == 0 or cells > MOST_CELLS:
+    if len(means) == 0 or np.prod(extent / options.field_cell + 10) > MOST_CELLS:
         check_units(scan, diagonal)
         raise ScanError(
             scan.source,
             f"it spans {extent.max():.3g} times the model, which is {diagonal:.3g} m across: "
             "crop it to the surroundings of the model (--crop)",
         )
+    return means, cell
 
 
 def at_most(points: Float, most: int) -> Float:
@@ -189,38 +196,35 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], points: Float, normals: Float, options: ObservationOptions
+    raw: Float, cell: NDArray[np.int32], points: Float, normals: Float, options: ObservationOptions, threads: int
 ) -> tuple[Float, Float]:
     """Return raw points, few of each occupied `cell`, with the normals of the nearest prepared points.
 
     Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
     """
-    from scipy.spatial import cKDTree
-
-    order = np.random.default_rng(0).permutation(len(raw))
+    order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
     by_cell = order[np.argsort(cell[order], kind="stable")]
     first = np.flatnonzero(np.r_[True, np.diff(cell[by_cell]) != 0])
     rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
     chosen = by_cell[rank < options.given_per_cell]
-    distance, nearest = cKDTree(points).query(raw[chosen])
-    near = distance < options.stray_distance
-    return np.ascontiguousarray(raw[chosen[near]]), np.ascontiguousarray(normals[nearest[near]])
+    given = raw[chosen]
+    distance, nearest = kernels.nearest_neighbours(points, given, 1, threads)
+    near = distance[:, 0] < options.stray_distance
+    return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near, 0]])
 
 
-def noise_of(points: Float) -> float:
+def noise_of(points: Float, threads: int) -> float:
     """Return the standard deviation of the points about the surface they were taken from.
 
     The scatter about planes through the k nearest neighbours is that of the noise, and of the surface's curvature,
     which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
     apart, down to scans so sparse that no neighbourhood is flat.
     """
-    from scipy.spatial import cKDTree
-
-    most = 2 * NEIGHBOURS.max()
+    most = int(2 * NEIGHBOURS.max())
     if len(points) < most:
         return 0.0
     chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
-    near = points[cKDTree(points).query(points[chosen], k=most)[1]].astype(float)
+    near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
     across, along = _variances(near, NEIGHBOURS)
     if along[0] > FLAT**2 * across[0]:
         return _without_curvature(NEIGHBOURS, across)
@@ -238,16 +242,29 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return per count k the median variances of neighbourhoods near[:, :k] across and along their best planes."""
-    across, along = [], []
-    for k in counts:
-        centred = near[:, :k] - near[:, :k].mean(axis=1, keepdims=True)
-        freedom = k - 3  # a plane takes three degrees of freedom of the neighbours' scatter
-        scatter = np.einsum("mka,mkb->mab", centred, centred) / freedom
-        thin, wide, _ = np.median(np.maximum(np.linalg.eigvalsh(scatter), 0.0), axis=0)
-        # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
-        across.append(thin / (1 - 2 / (9 * freedom)) ** 3)
-        along.append(wide)
-    return np.array(across), np.array(along)
+    offsets = near[:, : counts.max()] - near[:, :1]
+    first, second = np.triu_indices(3)
+    sums = np.cumsum(offsets, axis=1)[:, counts - 1]
+    products = np.cumsum(offsets[:, :, first] * offsets[:, :, second], axis=1)[:, counts - 1]
+    freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
+    scatter = products - sums[:, :, first] * sums[:, :, second] / counts[:, None]
+    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
+    # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
+    return thin / (1 - 2 / (9 * freedom)) ** 3, wide
+
+
+def lower_eigenvalues(matrices: Array) -> Array:
+    """Return the two lesser eigenvalues (..., 2), at least 0, of symmetric 3x3 matrices given by xx xy xz yy yz zz
+    (..., 6) (O. K. Smith, Communications of the ACM 4, 1961)."""
+    xx, xy, xz, yy, yz, zz = np.moveaxis(matrices, -1, 0)
+    mean = (xx + yy + zz) / 3
+    a, b, c = xx - mean, yy - mean, zz - mean
+    spread = np.sqrt((a**2 + b**2 + c**2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
+    determinant = a * (b * c - yz**2) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    angle = np.arccos(np.clip(determinant / np.maximum(2 * spread**3, 1e-300), -1.0, 1.0)) / 3
+    least = mean + 2 * spread * np.cos(angle + 2 * np.pi / 3)
+    middle = 3 * mean - least - (mean + 2 * spread * np.cos(angle))
+    return np.asarray(np.maximum(np.stack([least, middle], axis=-1), 0.0))
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
@@ -261,12 +278,8 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
 
-def _without_wide_plane(points: Float, options: ObservationOptions, threads: int) -> Float:
-    """Remove the dominant plane if it is wider than any model face can be."""
-    plane = wide_plane(points, options, options.plane_spread, threads)
-    if plane is None:
-        return points
-    centre, normal = plane
+def _without_plane(points: Float, centre: Float, normal: Float, options: ObservationOptions) -> Float:
+    """Remove what lies on a plane."""
     return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > 1.2 * options.plane_tolerance])
 
 
@@ -290,13 +303,16 @@ def wide_plane(
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
 
 
-def _without_strays(points: Float, options: ObservationOptions) -> tuple[Float, float]:
-    """Return the points that have neighbours, and the median distance to the sixth."""
-    from scipy.spatial import cKDTree
+def sixth_neighbour(points: Float, threads: int) -> Float:
+    """Return the distance of each point to its sixth neighbour, or the farthest of fewer."""
+    return np.asarray(kernels.nearest_neighbours(points, points, 7, threads)[0][:, -1])
 
+
+def _without_strays(points: Float, options: ObservationOptions, threads: int) -> tuple[Float, float]:
+    """Return the points that have neighbours, and the median distance to the sixth."""
     if len(points) < 8:
         return points, options.voxel
-    sixth = cKDTree(points).query(points, k=7)[0][:, 6]
+    sixth = sixth_neighbour(points, threads)
     kept = sixth < max(options.stray_distance, options.stray_spacings * float(np.median(sixth)))
     if kept.sum() > 50:
         points, sixth = points[kept], sixth[kept]
@@ -317,9 +333,8 @@ def oriented_normals(
     if origin is not None:
         towards = np.einsum("ij,ij->i", normals, origin - points)
     elif scan.sensor_origin is not None:
-        from scipy.spatial import cKDTree
-
-        near = cKDTree((scan.points - centre) / diagonal).query(points)[1]
+        given = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+        near = kernels.nearest_neighbours(given, points, 1, threads)[1][:, 0]
         origins = (np.asarray(scan.sensor_origin)[near] - centre) / diagonal
         towards = np.einsum("ij,ij->i", normals, origins - points)
     else:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from pwralign_kin.se3 import Array
 
 Bools = NDArray[np.bool_]
 
-REACH_CONFIGURATIONS = 60
 MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
@@ -78,23 +76,6 @@ class SceneOptions:
     most_noise: float = 0.012
 
 
-def model_reach(native: Any, surfaces: Sequence[Surface]) -> float:
-    """Return the largest diagonal of the box around the model over random joint values."""
-    random = np.random.default_rng(0)
-    lower, upper = native.limits
-    values = random.uniform(lower, upper, (REACH_CONFIGURATIONS, len(lower)))
-    T = np.asarray(native.forward(np.tile(np.eye(4), (REACH_CONFIGURATIONS, 1, 1)), values))
-    placed = np.concatenate(
-        [
-            surface.samples[:12] @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
-            for i, surface in enumerate(surfaces)
-            if surface.exists
-        ],
-        axis=1,
-    )
-    return float(np.linalg.norm(np.ptp(placed, axis=1), axis=1).max())
-
-
 def is_scene(
     scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
 ) -> bool:
@@ -131,7 +112,7 @@ def observe_scene(
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     origin = preparation.common_origin(scan, centre, diagonal)
     points, _, cell = kernels.voxel_means(raw, preparing.voxel)
-    spacing = _sixth_neighbour(points)
+    spacing = preparation.sixth_neighbour(points, threads)
     area = (np.pi * np.minimum(spacing, 0.1) ** 2 / 7).astype(np.float32)
     near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
     normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
@@ -170,7 +151,7 @@ def _observed(
     """Give the kept points their normals and their field."""
     searched_cells = np.zeros(len(points), bool)
     searched_cells[kept[region >= 0]] = True
-    noise = min(preparation.noise_of(raw[searched_cells[cell]]), options.most_noise)
+    noise = min(preparation.noise_of(raw[searched_cells[cell]], threads), options.most_noise)
     kept_points = np.ascontiguousarray(points[kept])
     normals = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
     normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
@@ -187,22 +168,16 @@ def _observed(
         kept_points, normals, weight, area, region, field_cell, preparing.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        pixel, preparing.depth_tolerance, preparing.shadow,
+        pixel, preparing.depth_tolerance, preparing.shadow, threads,
     )  # fmt: skip
     of_model = np.zeros(len(points), bool)
     of_model[kept[~planes]] = True
     mine = of_model[cell]
-    given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing)
+    given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing, threads)
     return Observation(
         kept_points, normals, preparation.at_most(raw, preparing.most_raw), given, given_normals, weight, area, region,
         True, spacing, noise, origin, field, centre, diagonal,
     )  # fmt: skip
-
-
-def _sixth_neighbour(points: Float) -> Float:
-    from scipy.spatial import cKDTree
-
-    return np.asarray(cKDTree(points).query(points, k=min(7, len(points)))[0][:, -1], np.float32)
 
 
 def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:

@@ -275,9 +275,13 @@ class TreeSearch:
         best = Candidates(candidates.bases, candidates.values, total).best_first().take(slice(4 * count))
         return self.distinct(best, count, self.options.alike)
 
+    def weighed(self, candidates: Candidates) -> tuple[Float, Float]:
+        """Return the two-way score of each candidate, and the weighted share of the scan that it explains."""
+        return self._score(candidates, self.options.coverage_distance)[:2]
+
     def coverage(self, candidates: Candidates) -> Float:
         """Return the weighted share of the scan that each candidate explains."""
-        return self._score(candidates, self.options.coverage_distance)[1]
+        return self.weighed(candidates)[1]
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
         points = self._spread(points) if points else int(self.searched.sum())

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.joint_least_squares import Problem
+from pwralign_kin.estimation.joint_least_squares import Problem, normal_matrix
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.se3 import Array
 
@@ -67,7 +67,7 @@ def undetermined_joints(
     the systematic residual.
     """
     seen, displacements = _mean_information(problem, absent)
-    mean_H = np.einsum("pia,pij,pjb->ab", problem.J[seen], displacements, problem.J[seen])
+    mean_H = normal_matrix(problem.J[seen], displacements)
     # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
     mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
     free = np.concatenate([np.ones(6, bool), ~locked])
@@ -88,7 +88,7 @@ def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Erro
     """
     seen, displacements = _mean_information(problem, absent)
     variance = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen] + errors.correlated**2
-    H = np.einsum("p,pia,pij,pjb->ab", 1.0 / variance, problem.J[seen], displacements, problem.J[seen])
+    H = normal_matrix(problem.J[seen], displacements / variance[:, None, None])
     H += problem.prior.H
     joints = np.arange(6, len(H))
     H[joints, joints] += 12.0 / np.maximum(span, 1e-9) ** 2

@@ -19,6 +19,9 @@ def voxel_means(
 def local_planes(
     points: NDArray[np.float32], radius: float, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]: ...
+def nearest_neighbours(
+    points: NDArray[np.float32], queries: NDArray[np.float32], count: int, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
 def openness(
     points: NDArray[np.float32], normals: NDArray[np.float32], cell: float, threads: int
 ) -> NDArray[np.float32]: ...
@@ -85,6 +88,7 @@ class ScanField:
         pixel: float,
         tolerance: float,
         shadow: float,
+        threads: int,
     ) -> None: ...
 
 class SearchOptions:

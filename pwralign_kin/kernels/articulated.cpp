@@ -28,6 +28,18 @@ bool PairTable::pair_frame(Vec n, Vec direction, float *R) {
 void Articulated::finish(Surface &s) const {
     s.cumulated.assign(1, 0.f);
     for (float w : s.w) s.cumulated.push_back(s.cumulated.back() + w);
+    s.lane_points = SplitPoints(s.p.data(), int64_t(s.p.size()), 1);
+    s.lane_normals = SplitPoints(s.n.data(), int64_t(s.n.size()), 1);
+    s.lane_weights = s.w;
+    s.lane_weights.resize(s.w.size() + lane_count, 0.f);
+    if (!s.dense.empty()) {
+        Vec least = s.dense[0].p, most = least;
+        for (const OrientedPoint &d : s.dense) {
+            least = {std::min(least.x, d.p.x), std::min(least.y, d.p.y), std::min(least.z, d.p.z)};
+            most = {std::max(most.x, d.p.x), std::max(most.y, d.p.y), std::max(most.z, d.p.z)};
+        }
+        s.middle = .5f * (least + most), s.half = .5f * (most - least) + Vec{s.slack, s.slack, s.slack};
+    }
     const int count = s.count(120);
     PairTable &table = s.pairs;
     table.shortest = std::min(.25f * s.size, .08f);
@@ -109,8 +121,7 @@ void Articulated::compose(Normal *normal, const double *twists, double *H, doubl
             if (ancestor != p) H[column * size + row] += value;
         }
         Normal &above = normal[parent[p]];
-        for (int i = 0; i < 36; ++i) above.H[i] += normal[p].H[i];
-        for (int i = 0; i < 6; ++i) above.g[i] += normal[p].g[i];
+        above.add(normal[p]);
     }
 }
 

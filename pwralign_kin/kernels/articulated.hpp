@@ -1,7 +1,7 @@
 // The model as the kernels see it: kinematic tree of rigid parts and their surfaces. Lengths are in units of the
 // model's diagonal.
 #pragma once
-#include "linalg.hpp"
+#include "lanes.hpp"
 #include "scan_field.hpp"
 #include "surface.hpp"
 
@@ -30,24 +30,30 @@ struct Surface {
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
     float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing
+    Vec middle{0, 0, 0}, half{0, 0, 0};        // of the box around all discs of radius `slack`
+    SplitPoints lane_points, lane_normals;     // the coarse samples once more, ...
+    std::vector<float> lane_weights;           // ... for several at a time
     int dims[3] = {0, 0, 0};
     PairTable pairs;
 
     int count(int most) const { return std::min<int>(most, int(p.size())); }
 
-    // Closest dense sample of a local position; -1 beyond the grid's band. The surface is taken as a disc of radius
-    // `slack` around each sample: `aside` is how far beyond its rim the position lies, `distance` that to the disc.
-    int closest(Vec local, float &distance, float &aside) const {
-        const float x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
-                    z = (local.z - grid_origin.z) / cell;
-        if (x < 0 || y < 0 || z < 0 || x >= dims[0] || y >= dims[1] || z >= dims[2]) return -1;
-        const uint16_t sample = grid[(int64_t(x) * dims[1] + int(y)) * dims[2] + int(z)];
-        if (sample == none) return -1;
+    // Cells of the grid that hold some local positions; -1 outside of it.
+    IntLanes cells_at(const VecLanes &local) const {
+        const FloatLanes x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
+                         z = (local.z - grid_origin.z) / cell;
+        const IntLanes inside =
+            (x >= 0) & (y >= 0) & (z >= 0) & (x < float(dims[0])) & (y < float(dims[1])) & (z < float(dims[2]));
+        const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
+        return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
+    }
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
+    // `aside` is how far beyond its rim the position lies.
+    float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);
         aside = std::max(0.f, std::sqrt(std::max(0.f, dot(d, d) - plane * plane)) - slack);
-        distance = aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
-        return sample;
+        return aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
     }
 };
 
@@ -62,7 +68,7 @@ class Articulated {
     std::vector<uint8_t> wraps;
     std::vector<Surface> surface;
 
-    // Finish a surface whose samples and grid are set: prefix weights and pair table.
+    // Finish a surface whose samples and grid are set: prefix weights, box, lanes and pair table.
     void finish(Surface &s) const;
     // Placement of a part in its parent for an actuated value.
     Rigid joint_placement(int part, double value) const;

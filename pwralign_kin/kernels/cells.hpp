@@ -1,6 +1,6 @@
 // Points sorted into the cells of a uniform grid, for neighbour queries within one cell size.
 #pragma once
-#include "linalg.hpp"
+#include "lanes.hpp"
 #include <numeric>
 
 namespace pwr {
@@ -8,56 +8,93 @@ namespace pwr {
 class Cells {
   public:
     // `size` is the largest radius that `visit` answers.
-    Cells(const Vec *points, int64_t count, float size) : points(points), inverse(1.f / size) {
+    Cells(const Vec *points, int64_t count, float size) : size(size), inverse(1.f / size) {
         origin = count ? points[0] : Vec{0, 0, 0};
         for (int64_t i = 0; i < count; ++i) {
             origin.x = std::min(origin.x, points[i].x);
             origin.y = std::min(origin.y, points[i].y);
             origin.z = std::min(origin.z, points[i].z);
         }
-        std::vector<uint64_t> raw(count);
-        for (int64_t i = 0; i < count; ++i) raw[i] = key(points[i]);
-        order.resize(count);
+        keys.resize(count), order.resize(count), sorted.resize(count);
+        for (int64_t i = 0; i < count; ++i) keys[i] = key(points[i]);
         std::iota(order.begin(), order.end(), 0);
-        std::sort(order.begin(), order.end(),
-                  [&](int a, int b) { return raw[a] != raw[b] ? raw[a] < raw[b] : a < b; });
-        keys.resize(count);
-        for (int64_t i = 0; i < count; ++i) keys[i] = raw[order[i]];
+        sort();
+        for (int64_t i = 0; i < count; ++i) sorted[i] = points[order[i]];
     }
 
     // Call f(index, squared distance) for every point within `radius` (at most the cell size) of p.
     template <typename F> void visit(Vec p, float radius, F &&f) const {
-        const int64_t cx = coordinate(p.x - origin.x), cy = coordinate(p.y - origin.y),
-                      cz = coordinate(p.z - origin.z);
         const float limit = radius * radius;
-        for (int64_t x = cx - 1; x <= cx + 1; ++x)
-            for (int64_t y = cy - 1; y <= cy + 1; ++y) {
-                // The three cells along z are neighbours in the sorted order.
-                const uint64_t first = pack(x, y, cz - 1), last = pack(x, y, cz + 1);
-                auto at = std::lower_bound(keys.begin(), keys.end(), first) - keys.begin();
-                for (; at < int64_t(keys.size()) && keys[at] <= last; ++at) {
-                    const Vec d = points[order[at]] - p;
-                    const float squared = dot(d, d);
-                    if (squared <= limit) f(order[at], squared);
-                }
+        rows_about(p, 1, [&](int64_t first, int64_t last) {
+            for (int64_t at = first; at < last; ++at) {
+                const Vec d = sorted[at] - p;
+                const float squared = dot(d, d);
+                if (squared <= limit) f(order[at], squared);
+            }
+        });
+    }
+
+    // Call f(first, last) for the rows of sorted points in the cells up to `rings` away from that of p.
+    template <typename F> void rows_about(Vec p, int rings, F &&f) const {
+        const int64_t cx = coordinate(p.x - origin.x), cy = coordinate(p.y - origin.y), cz = coordinate(p.z - origin.z);
+        for (int64_t x = cx - rings; x <= cx + rings; ++x)
+            for (int64_t y = cy - rings; y <= cy + rings; ++y) {
+                // The cells along z are neighbours in the sorted order.
+                const int64_t first = std::lower_bound(keys.begin(), keys.end(), pack(x, y, cz - rings)) - keys.begin();
+                const uint64_t end = pack(x, y, cz + rings);
+                int64_t last = first;
+                while (last < int64_t(keys.size()) && keys[last] <= end) ++last;
+                if (first != last) f(first, last);
             }
     }
     uint64_t key(Vec p) const {
         return pack(coordinate(p.x - origin.x), coordinate(p.y - origin.y), coordinate(p.z - origin.z));
     }
 
+    float size;
     std::vector<uint64_t> keys; // sorted
     std::vector<int> order;     // point of each key
+    std::vector<Vec> sorted;    // positions in that order
 
   private:
+    // Radix sort, byte by byte from the lowest; points of a cell keep their order. Bytes that all keys share are skipped.
+    void sort() {
+        uint64_t any = 0, all = ~uint64_t(0);
+        for (const uint64_t k : keys) any |= k, all &= k;
+        std::vector<uint64_t> next_keys(keys.size());
+        std::vector<int> next_order(keys.size());
+        for (int shift = 0; shift < 64; shift += 8) {
+            if (!(((any ^ all) >> shift) & 255)) continue;
+            int64_t start[257] = {};
+            for (const uint64_t k : keys) ++start[((k >> shift) & 255) + 1];
+            for (int v = 0; v < 256; ++v) start[v + 1] += start[v];
+            for (size_t i = 0; i < keys.size(); ++i) {
+                const int64_t to = start[(keys[i] >> shift) & 255]++;
+                next_keys[to] = keys[i], next_order[to] = order[i];
+            }
+            keys.swap(next_keys), order.swap(next_order);
+        }
+    }
     int64_t coordinate(float v) const { return int64_t(std::floor(v * inverse)); }
     static uint64_t pack(int64_t x, int64_t y, int64_t z) {
         const int64_t bias = 1 << 20;
         return (uint64_t(x + bias) << 42) | (uint64_t(y + bias) << 21) | uint64_t(z + bias);
     }
-    const Vec *points;
     float inverse;
     Vec origin;
+};
+
+// The points in and around one cell, the same for all that is asked from within that cell.
+struct Surroundings {
+    SplitPoints points;
+    std::vector<int> order; // of each point, among all
+
+    void look(const Cells &cells, Vec p, int rings) {
+        points.clear(), order.clear();
+        cells.rows_about(p, rings, [&](int64_t first, int64_t last) {
+            for (int64_t at = first; at < last; ++at) points.push(cells.sorted[at]), order.push_back(cells.order[at]);
+        });
+    }
 };
 
 } // namespace pwr

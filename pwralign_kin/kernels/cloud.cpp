@@ -1,5 +1,6 @@
 #include "cloud.hpp"
 #include "cells.hpp"
+#include "lanes.hpp"
 #include "parallel.hpp"
 
 namespace pwr {
@@ -30,21 +31,28 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
     LocalPlanes out;
     out.normal.resize(count), out.mean.resize(count), out.variance.resize(count), out.neighbours.resize(count);
     const int64_t block = 256;
+    const float limit = radius * radius;
     parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
-        for (int64_t i = b * block; i < std::min(count, (b + 1) * block); ++i) {
-            double s[3] = {0, 0, 0}, C[3][3] = {};
-            int n = 0;
-            cells.visit(points[i], radius, [&](int j, float) {
-                const Vec d = points[j] - points[i];
-                const double v[3] = {d.x, d.y, d.z};
-                for (int a = 0; a < 3; ++a) {
-                    s[a] += v[a];
-                    for (int c = a; c < 3; ++c) C[a][c] += v[a] * v[c];
+        Surroundings around;
+        for (int64_t at = b * block; at < std::min(count, (b + 1) * block); ++at) {
+            if (at == b * block || cells.keys[at] != cells.keys[at - 1]) around.look(cells, cells.sorted[at], 1);
+            const int i = cells.order[at];
+            FloatLanes sums[3] = {}, products[6] = {}, within{};
+            for (int64_t j = 0; j < around.points.size; j += lane_count) {
+                const VecLanes d = around.points.at(j) - points[i];
+                const IntLanes near = first_lanes(int(around.points.size - j)) & (dot(d, d) <= limit);
+                const FloatLanes v[3] = {near ? d.x : FloatLanes{}, near ? d.y : FloatLanes{}, near ? d.z : FloatLanes{}};
+                within += near ? all_lanes(1) : FloatLanes{};
+                for (int a = 0, k = 0; a < 3; ++a) {
+                    sums[a] += v[a];
+                    for (int c = a; c < 3; ++c) products[k++] += v[a] * v[c];
                 }
-                ++n;
-            });
-            for (int a = 0; a < 3; ++a)
-                for (int c = a; c < 3; ++c) C[a][c] = C[c][a] = C[a][c] / n - s[a] / n * s[c] / n;
+            }
+            const int n = int(sum_of_lanes(within));
+            double s[3], C[3][3];
+            for (int a = 0; a < 3; ++a) s[a] = sum_of_lanes(sums[a]);
+            for (int a = 0, k = 0; a < 3; ++a)
+                for (int c = a; c < 3; ++c, ++k) C[a][c] = C[c][a] = sum_of_lanes(products[k]) / double(n) - s[a] / n * s[c] / n;
             double values[3], V[3][3];
             eigen_symmetric(C, values, V);
             out.normal[i] = {float(V[0][0]), float(V[1][0]), float(V[2][0])};
@@ -122,19 +130,120 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
     return label;
 }
 
+// About how far the k nearest of the points reach: the median over a few queries, from a few of the points.
+static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
+    constexpr int64_t most_points = 2000, most_queries = 16;
+    const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
+    std::vector<float> reaches, squared;
+    for (int64_t q = 0; q < asked; q += step) {
+        squared.clear();
+        for (int64_t i = 0; i < count; i += stride) {
+            const Vec d = points[i] - queries[q];
+            squared.push_back(dot(d, d));
+        }
+        const double wanted = double(k) / stride; // points of a surface grow with the reach squared
+        const int64_t rank = std::clamp<int64_t>(int64_t(wanted + .5), 1, int64_t(squared.size()));
+        std::nth_element(squared.begin(), squared.begin() + (rank - 1), squared.end());
+        reaches.push_back(std::sqrt(float(squared[rank - 1] * wanted / rank)));
+    }
+    std::nth_element(reaches.begin(), reaches.begin() + reaches.size() / 2, reaches.end());
+    Vec low = points[0], high = points[0];
+    for (int64_t i = 0; i < count; ++i) {
+        low = {std::min(low.x, points[i].x), std::min(low.y, points[i].y), std::min(low.z, points[i].z)};
+        high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
+    }
+    return std::max(1.4f * reaches[reaches.size() / 2], 1e-5f + 4e-6f * norm(high - low)); // cells must be countable
+}
+
+namespace {
+
+// The k nearest of the points that one query is shown, nearest first.
+struct Nearest {
+    explicit Nearest(int k) : squared(k), points(k) {}
+
+    std::vector<float> squared;
+    std::vector<int> points;
+    int found = 0;
+
+    bool complete() const { return found == int(points.size()); }
+    void offer(int point, float at) {
+        if (complete() && at >= squared.back()) return;
+        int place = complete() ? found - 1 : found++;
+        for (; place > 0 && squared[place - 1] > at; --place) squared[place] = squared[place - 1], points[place] = points[place - 1];
+        squared[place] = at, points[place] = point;
+    }
+    void search(const Surroundings &around, Vec query, float reach) {
+        found = 0;
+        for (int64_t i = 0; i < around.points.size; i += lane_count) {
+            const VecLanes d = around.points.at(i) - query;
+            const FloatLanes at = dot(d, d);
+            const IntLanes near = first_lanes(int(around.points.size - i)) &
+                                  (at <= (complete() ? squared.back() : reach * reach));
+            if (!any_lane(near)) continue;
+            for (int j = 0; j < lane_count; ++j)
+                if (near[j]) offer(around.order[i + j], at[j]);
+        }
+    }
+    void search(const Vec *all, int64_t count, Vec query) {
+        found = 0;
+        for (int64_t i = 0; i < count; ++i) {
+            const Vec d = all[i] - query;
+            offer(int(i), dot(d, d));
+        }
+    }
+};
+
+} // namespace
+
+Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k, int threads) {
+    Neighbours out;
+    k = int(std::min<int64_t>(k, count));
+    out.each = k;
+    out.point.assign(asked * k, 0), out.distance.assign(asked * k, 0.f);
+    if (asked == 0 || k == 0) return out;
+    const Cells cells(points, count, usual_reach(points, count, queries, asked, k));
+    // Queries of one cell follow one another and share their surroundings.
+    std::vector<std::pair<uint64_t, int>> order(asked);
+    for (int64_t i = 0; i < asked; ++i) order[i] = {cells.key(queries[i]), int(i)};
+    std::sort(order.begin(), order.end());
+    const int64_t block = 256;
+    parallel_for((asked + block - 1) / block, threads, [&](int64_t b) {
+        Surroundings near, far;
+        Nearest best(k);
+        for (int64_t at = b * block; at < std::min(asked, (b + 1) * block); ++at) {
+            if (at == b * block || order[at].first != order[at - 1].first) near.look(cells, queries[order[at].second], 1);
+            const int i = order[at].second;
+            best.search(near, queries[i], cells.size);
+            for (int rings = 2; rings <= 4 && !best.complete(); rings *= 2) {
+                far.look(cells, queries[i], rings);
+                best.search(far, queries[i], rings * cells.size);
+            }
+            if (!best.complete()) best.search(points, count, queries[i]);
+            for (int n = 0; n < k; ++n)
+                out.point[i * k + n] = best.points[n], out.distance[i * k + n] = std::sqrt(best.squared[n]);
+        }
+    });
+    return out;
+}
+
 Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials,
                      uint64_t seed) {
     Plane best{{0, 0, 0}, 0, 0};
     if (count == 0) return best;
+    const SplitPoints split(points, count, 1), split_normals(normals, count, 1);
     Random random(seed);
     for (int t = 0; t < trials; ++t) {
         const uint32_t i = random.below(uint32_t(count));
         const Vec n = normals[i];
         const float offset = dot(n, points[i]);
-        int64_t inliers = 0;
-        for (int64_t j = 0; j < count; ++j)
-            inliers += std::abs(dot(n, points[j]) - offset) < tolerance && std::abs(dot(n, normals[j])) > .8f;
-        if (inliers > best.inliers) best = {n, offset, inliers};
+        IntLanes inliers{};
+        for (int64_t j = 0; j < count; j += lane_count) {
+            const FloatLanes height = dot(n, split.at(j)) - offset, facing = dot(n, split_normals.at(j));
+            inliers -= (abs_lanes(height) < tolerance) & (abs_lanes(facing) > .8f); // zero normals pad the last lanes
+        }
+        int64_t total = 0;
+        for (int j = 0; j < lane_count; ++j) total += inliers[j];
+        if (total > best.inliers) best = {n, offset, total};
     }
     return best;
 }

@@ -16,6 +16,14 @@ struct LocalPlanes {
 };
 LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads);
 
+// The `each` nearest of some points to every query, nearest first.
+struct Neighbours {
+    int each = 0;
+    std::vector<int> point;
+    std::vector<float> distance;
+};
+Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k, int threads);
+
 // How open each point's positive normal side is: sum over directions of free * (direction . normal), by marching
 // through the occupancy of the cloud. Negative: the normal points inwards.
 std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads);

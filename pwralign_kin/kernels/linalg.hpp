@@ -129,6 +129,10 @@ struct Normal {
         H[4] -= w * r.z, H[5] += w * r.y, H[9] += w * r.z, H[11] -= w * r.x, H[15] -= w * r.y, H[16] += w * r.x;
         H[21] += w, H[28] += w, H[35] += w;
     }
+    void add(const Normal &other) {
+        for (int i = 0; i < 36; ++i) H[i] += other.H[i];
+        for (int i = 0; i < 6; ++i) g[i] += other.g[i];
+    }
     void mirror() {
         for (int i = 0; i < 6; ++i)
             for (int j = 0; j < i; ++j) H[6 * i + j] = H[6 * j + i];

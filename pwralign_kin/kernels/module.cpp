@@ -135,6 +135,15 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(std::move(planes.variance)), to_numpy(std::move(planes.neighbours)));
     }, "points"_a, "radius"_a, "threads"_a);
+    m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
+        Neighbours near;
+        {
+            nb::gil_scoped_release release;
+            near = nearest_neighbours(vectors(points), points.shape(0), vectors(queries), queries.shape(0), count, threads);
+        }
+        const size_t asked = queries.shape(0), each = near.each;
+        return nb::make_tuple(to_numpy(std::move(near.distance), {asked, each}), to_numpy(std::move(near.point), {asked, each}));
+    }, "points"_a, "queries"_a, "count"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
         nb::gil_scoped_release release;
@@ -234,14 +243,14 @@ void bind_model(nb::module_ &m) {
 
 void bind_search(nb::module_ &m) {
     nb::class_<ScanField>(m, "ScanField")
-        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow) {
+        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow, int threads) {
             const size_t count = points.shape(0);
             require(count > 0 && normals.shape(0) == count && weights.shape(0) == count && areas.shape(0) == count && regions.shape(0) == count, "the arrays of the points differ in length");
             require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;
-            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow);
-        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a);
+            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow, threads);
+        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "threads"_a);
 
     nb::class_<SearchOptions>(m, "SearchOptions")
         .def(nb::init<>())
@@ -439,17 +448,14 @@ void bind_search(nb::module_ &m) {
             require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
             std::vector<OrientedPoint> sampled;
             for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
-            std::vector<Normal> normal(n);
-            Assignment a;
+            std::vector<Normal> normal;
+            std::vector<int> counts;
             {
                 nb::gil_scoped_release release;
-                self.accumulate(sampled, T, sigma, cap, support_weight, part_weights.data(), normal, a);
+                normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), counts);
             }
             std::vector<double> H, g;
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
-            std::vector<int> counts(n, 0);
-            for (int p : a.part)
-                if (p >= 0) ++counts[p];
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
 }

@@ -1,3 +1,4 @@
+#include "lanes.hpp"
 #include "search.hpp"
 
 namespace pwr {
@@ -36,18 +37,24 @@ float Search::overlap(const std::vector<RigidF> &T) const {
         }
         const int count = s.count(most_samples);
         float inside = 0;
-        for (int i = 0; i < count && !others.empty(); ++i) {
-            const Vec x = apply(T[p], s.p[i]);
+        for (int i = 0; i < count && !others.empty(); i += lane_count) {
+            const VecLanes x = apply(T[p], s.lane_points.at(i));
+            IntLanes within{};
             for (int o : others) {
                 const Surface &other = model.surface[o];
-                const Vec local = apply_inverse(T[o], x);
-                float distance, aside;
-                const int sample = other.closest(local, distance, aside);
-                if (sample < 0 || aside > 0) continue;
-                if (dot(local - other.dense[sample].p, other.dense[sample].n) > -depth) continue;
-                inside += s.w[i];
-                break;
+                const VecLanes local = apply_inverse(T[o], x);
+                const IntLanes cells = other.cells_at(local);
+                for (int j = 0; j < lane_count; ++j) {
+                    const uint16_t sample = cells[j] < 0 ? none : other.grid[cells[j]];
+                    if (sample == none) continue;
+                    const Vec at{local.x[j], local.y[j], local.z[j]};
+                    const OrientedPoint &q = other.dense[sample];
+                    float aside;
+                    if (other.distance_to(sample, at, aside) > depth && aside <= 0 && dot(at - q.p, q.n) < 0) within[j] = -1;
+                }
             }
+            within &= first_lanes(count - i);
+            inside += sum_of_lanes(within ? load_lanes(&s.lane_weights[i]) : FloatLanes{});
         }
         total += s.weight * inside / s.cumulated[count];
     }

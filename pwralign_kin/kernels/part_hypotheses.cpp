@@ -1,5 +1,6 @@
 #include "cells.hpp"
 #include "ordering.hpp"
+#include "sample_lanes.hpp"
 #include "search.hpp"
 #include <numeric>
 
@@ -10,33 +11,18 @@ namespace pwr {
 float Search::part_score(int part, const RigidF &T, int first, int last, float distance,
                          const float *point_weights) const {
     const Surface &s = model.surface[part];
-    const float limit = distance * distance;
-    float sum = 0;
-    for (int i = first; i < last; ++i) {
-        const Vec x = apply(T, s.p[i]);
-        const int64_t at = field.cell_at(x);
-        if (at < 0) {
-            sum -= s.w[i] * options.free_penalty;
-            continue;
-        }
-        const int k = field.nearest(at);
-        if (k >= 0) {
-            const OrientedPoint &q = field.points[k];
-            const Vec d = x - q.p;
-            const float squared = dot(d, d);
-            if (squared < limit) {
-                const Vec n = rotate(T, s.n[i]);
-                if (!field.has_origin || dot(field.sensor - x, n) > 0) {
-                    const float facing = std::max(0.f, dot(n, q.n));
-                    const float value = (1 - squared / limit) * (.25f + .75f * facing);
-                    sum += s.w[i] * point_weights[k] * value;
-                }
-                continue;
-            }
-        }
-        sum -= s.w[i] * (field.is_occluded(at) ? options.occluded_penalty : options.free_penalty);
+    const float limit = distance * distance, share = 1 / limit;
+    FloatLanes sum{};
+    for (int i = first; i < last; i += lane_count) {
+        const SampleLanes at(field, s, T, i, last);
+        FloatLanes trust{};
+        for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
+        const FloatLanes match = trust * (1 - at.squared * share) * (.25f + .75f * at.facing);
+        const IntLanes seen = field.has_origin ? at.seen > 0 : at.seen == at.seen;
+        const FloatLanes penalty = at.occluded ? all_lanes(options.occluded_penalty) : all_lanes(options.free_penalty);
+        sum += at.w * (at.squared < limit ? (seen ? match : FloatLanes{}) : -penalty);
     }
-    return sum;
+    return sum_of_lanes(sum);
 }
 
 std::vector<int> Search::distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const {
@@ -130,17 +116,22 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
     for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
     // Regions with fewer points than anchors make up for it with more partners.
     const int per_anchor = std::max(1, anchors * partners / std::max(1, anchor_count));
-    std::vector<int> near;
+    std::vector<Vec> positions;
+    for (int j : points) positions.push_back(field.points[j].p);
+    const SplitPoints split(positions.data(), count, 1);
+    std::vector<int> near(count + 1);
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
-        near.clear();
-        for (int j : points) {
-            const Vec d = field.points[j].p - p.p;
-            const float squared = dot(d, d);
-            if (squared > table.shortest * table.shortest && squared < table.longest * table.longest) near.push_back(j);
+        int found = 0;
+        for (int64_t i = 0; i < count; i += lane_count) {
+            const VecLanes d = p.p - split.at(i);
+            const FloatLanes squared = dot(d, d);
+            const IntLanes in_range = (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest);
+            if (!any_lane(in_range)) continue;
+            for (int j = 0; j < std::min<int>(lane_count, count - int(i)); ++j) near[found] = points[i + j], found -= in_range[j];
         }
-        for (int b = 0; b < per_anchor && b < int(near.size()); ++b) {
-            std::swap(near[b], near[b + random.below(uint32_t(near.size() - b))]);
+        for (int b = 0; b < per_anchor && b < found; ++b) {
+            std::swap(near[b], near[b + random.below(uint32_t(found - b))]);
             const OrientedPoint &q = field.points[near[b]];
             float Rs[9];
             if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
@@ -211,8 +202,7 @@ void Search::refine_part(Hypothesis &h, int iterations, const float *point_weigh
         Normal normal;
         for (int i = 0; i < count; ++i) {
             const Vec x = apply(T, s.p[i]);
-            const int64_t at = field.cell_at(x);
-            const int k = at < 0 ? -1 : field.nearest(at);
+            const int k = field.nearest(x);
             if (k < 0) continue;
             const OrientedPoint &q = field.points[k];
             const float facing = dot(rotate(T, s.n[i]), q.n);

@@ -10,23 +10,23 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
     });
 }
 
-// Per part the normal equations of both directions at the given placements, about `centre`: scan points to the nearest
-// part (point to plane, Geman-McClure kernel of scale `sigma`), model samples to the scan.
-void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
-                        float support_weight, const float *part_weights, std::vector<Normal> &normal,
-                        Assignment &a) const {
-    const int n = model.parts, points = int(sampled.size());
+// Add scan points that are pulled by the nearest part, each of weight `share`: point to plane, Geman-McClure kernel of
+// scale `sigma`. `counts` may be null.
+void Search::pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T,
+                           float sigma, float cap, std::vector<Normal> &normal, int *counts) const {
+    const int n = model.parts;
     const float squared = sigma * sigma;
     // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
     const float doubtful = field.has_origin ? 0.f : .1f;
     std::vector<uint8_t> mask(n);
     std::vector<RigidF> F(n);
-    for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]), normal[p] = Normal();
+    for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]);
     const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
-    a = assign(&sampled[0].p, points, 2, T.data(), mask.data(), cap);
+    const Assignment a = assign(&sampled[0].p, points, 2, T.data(), mask.data(), cap);
     for (int i = 0; i < points; ++i) {
         const int p = a.part[i];
         if (p < 0) continue;
+        if (counts) ++counts[p];
         const OrientedPoint &s = model.surface[p].dense[a.sample[i]];
         const Vec surface_normal = rotate(F[p], s.n), foot = apply(F[p], s.p);
         const Vec offset = sampled[i].p - foot;
@@ -34,36 +34,64 @@ void Search::accumulate(const std::vector<OrientedPoint> &sampled, const std::ve
         const float kernel = squared / (squared + distance * distance);
         // A point that faces away from the surface lies on another one, such as the other face of a panel.
         const float agreement = std::max(0.f, dot(surface_normal, sampled[i].n));
-        const float w = kernel * kernel * (doubtful + (1 - doubtful) * agreement) / points;
+        const float w = kernel * kernel * (doubtful + (1 - doubtful) * agreement) * share;
+        if (w == 0) continue;
         normal[p].add_plane(foot - centre, surface_normal, residual, w);
         // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
         const Vec along = offset - residual * surface_normal;
         const float length = norm(along), aside = length - model.surface[p].slack;
         if (aside > 0) normal[p].add_plane(foot - centre, (1 / length) * along, aside, w);
     }
-    if (support_weight > 0)
-        for (int p = 0; p < n; ++p) {
-            if (!mask[p] || part_weights[p] <= 0) continue;
-            const Surface &s = model.surface[p];
-            const int count = s.count(48);
-            const float reach = 2.25f * squared + 1e-5f;
-            for (int i = 0; i < count; ++i) {
-                const Vec x = apply(F[p], s.p[i]);
-                const int64_t at = field.cell_at(x);
-                const int k = at < 0 ? -1 : field.nearest(at);
-                if (k < 0) continue;
-                const OrientedPoint &q = field.points[k];
-                const Vec m = rotate(F[p], s.n[i]);
-                const float facing = dot(m, q.n);
-                if (facing < .2f || (field.has_origin && dot(field.sensor - x, m) <= 0)) continue;
-                const Vec d = q.p - x;
-                const float kernel = reach / (reach + dot(d, d));
-                const float w = support_weight * s.w[i] / s.cumulated[count] * part_weights[p] * facing * kernel * kernel;
-                normal[p].add_plane(x - centre, q.n, dot(d, q.n), w);
-                normal[p].add_point(x - centre, d, .05f * w);
-            }
+}
+
+// Add model samples that are pulled by the scan.
+void Search::pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
+                          std::vector<Normal> &normal) const {
+    const Vec centre{float(T[0].t[0]), float(T[0].t[1]), float(T[0].t[2])};
+    const float reach = 2.25f * sigma * sigma + 1e-5f;
+    for (int p = 0; p < model.parts; ++p) {
+        const Surface &s = model.surface[p];
+        if (!s.exists || part_weights[p] <= 0) continue;
+        const RigidF F = to_float(T[p]);
+        const int count = s.count(48);
+        for (int i = 0; i < count; ++i) {
+            const Vec x = apply(F, s.p[i]);
+            const int k = field.nearest(x);
+            if (k < 0) continue;
+            const OrientedPoint &q = field.points[k];
+            const Vec m = rotate(F, s.n[i]);
+            const float facing = dot(m, q.n);
+            if (facing < .2f || (field.has_origin && dot(field.sensor - x, m) <= 0)) continue;
+            const Vec d = q.p - x;
+            const float kernel = reach / (reach + dot(d, d));
+            const float w = support_weight * s.w[i] / s.cumulated[count] * part_weights[p] * facing * kernel * kernel;
+            normal[p].add_plane(x - centre, q.n, dot(d, q.n), w);
+            normal[p].add_point(x - centre, d, .05f * w);
         }
+    }
+}
+
+std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
+                                             float sigma, float cap, float support_weight, const float *part_weights,
+                                             std::vector<int> &counts) const {
+    // Pieces of a fixed size are added in their order, whichever thread makes them.
+    constexpr int64_t piece = 1024;
+    const int64_t count = int64_t(sampled.size()), pieces = (count + piece - 1) / piece;
+    const int n = model.parts;
+    std::vector<Normal> partial(pieces * n), normal(n);
+    std::vector<int> counted(pieces * n, 0);
+    parallel_for(pieces, options.threads, [&](int64_t b) {
+        std::vector<Normal> own(n);
+        const int size = int(std::min(piece, count - b * piece));
+        pull_to_model(&sampled[b * piece], size, 1.f / count, T, sigma, cap, own, &counted[b * n]);
+        std::copy(own.begin(), own.end(), partial.begin() + b * n);
+    });
+    counts.assign(n, 0);
+    for (int64_t b = 0; b < pieces; ++b)
+        for (int p = 0; p < n; ++p) normal[p].add(partial[b * n + p]), counts[p] += counted[b * n + p];
+    if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
     for (Normal &part : normal) part.mirror();
+    return normal;
 }
 
 // Gauss-Newton with a Geman-McClure kernel whose scale shrinks geometrically. Scan points pull the nearest part, model
@@ -75,13 +103,15 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
     const std::vector<OrientedPoint> sampled = sample_of_points(points);
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
-    Assignment assignment;
     std::vector<double> twists(6 * n), H(size * size), step(size);
     for (int iteration = 0; iteration < iterations; ++iteration) {
         const float progress = std::min(1.f, iteration / (iterations * .7f));
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
         model.forward(c.base, c.values.data(), T.data());
-        accumulate(sampled, T, sigma, 3 * sigma + .005f, support_weight, part_weights, normal, assignment);
+        std::fill(normal.begin(), normal.end(), Normal());
+        pull_to_model(sampled.data(), int(sampled.size()), 1.f / sampled.size(), T, sigma, 3 * sigma + .005f, normal, nullptr);
+        if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
+        for (Normal &part : normal) part.mirror();
         model.joint_twists(T.data(), T[0].t, twists.data());
         // Neighbouring points share the sensor's error: a scan is worth about this many independent ones.
         constexpr double independent_points = 1000;

@@ -1,4 +1,5 @@
 #include "scan_field.hpp"
+#include "parallel.hpp"
 #include <algorithm>
 
 namespace pwr {
@@ -6,7 +7,7 @@ namespace pwr {
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
-                     float shadow)
+                     float shadow, int threads)
     : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
       inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
@@ -27,37 +28,55 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nx = int(std::ceil((high.x + margin - origin.x) * inverse)) + 1;
     ny = int(std::ceil((high.y + margin - origin.y) * inverse)) + 1;
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
-    splat(truncation);
-    if (has_origin) mark_occluded(depth_points, pixel, tolerance);
+    splat(truncation, threads);
+    if (has_origin) mark_occluded(depth_points, pixel, tolerance, threads);
 }
 
-void ScanField::splat(float truncation) {
-    const int64_t size = int64_t(nx) * ny * nz;
-    index.assign(size, -1);
-    std::vector<float> nearest_squared(size, 1e30f);
+namespace {
+const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
+}
+
+// Every layer of cells along x is filled on its own, by all points in order: a cell keeps the first of those nearest.
+void ScanField::splat(float truncation, int threads) {
+    outside = nx * ny * nz;
+    constexpr int nothing = -2;
+    cells.assign(size_t(outside) + 1, nothing);
     const int reach = int(truncation * inverse) + 1;
-    for (size_t s = 0; s < points.size(); ++s) {
-        const Vec p = points[s].p;
-        const int ci = int((p.x - origin.x) * inverse), cj = int((p.y - origin.y) * inverse),
-                  ck = int((p.z - origin.z) * inverse);
-        for (int i = std::max(0, ci - reach); i <= std::min(nx - 1, ci + reach); ++i) {
+    std::vector<std::vector<int>> of_layer(nx);
+    for (size_t s = 0; s < points.size(); ++s) of_layer[int((points[s].p.x - origin.x) * inverse)].push_back(int(s));
+    parallel_for(nx, threads, [&](int64_t i) {
+        std::vector<int> near;
+        for (int64_t layer = std::max<int64_t>(0, i - reach); layer <= std::min<int64_t>(nx - 1, i + reach); ++layer)
+            near.insert(near.end(), of_layer[layer].begin(), of_layer[layer].end());
+        if (near.empty()) return;
+        // Written a few cells at a time, also past the end.
+        std::vector<float> squared(int64_t(ny) * nz + lane_count, 1e30f);
+        std::vector<int> codes(squared.size(), nothing);
+        for (const int s : near) {
+            const Vec p = points[s].p;
+            const int cj = int((p.y - origin.y) * inverse), ck = int((p.z - origin.z) * inverse);
             const float dx = origin.x + (i + .5f) * cell - p.x, rest = truncation * truncation - dx * dx;
             if (rest < 0) continue;
             for (int j = std::max(0, cj - reach); j <= std::min(ny - 1, cj + reach); ++j) {
                 const float dy = origin.y + (j + .5f) * cell - p.y, left = rest - dy * dy;
                 if (left < 0) continue;
-                const int width = int(std::sqrt(left) * inverse) + 1;
-                const int64_t row = (int64_t(i) * ny + j) * nz;
-                for (int k = std::max(0, ck - width); k <= std::min(nz - 1, ck + width); ++k) {
-                    const float dz = origin.z + (k + .5f) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
-                    if (d < nearest_squared[row + k]) nearest_squared[row + k] = d, index[row + k] = int(s);
+                const int width = int(std::sqrt(left) * inverse) + 1, last = std::min(nz - 1, ck + width);
+                for (int k = std::max(0, ck - width); k <= last; k += lane_count) {
+                    const int64_t at = int64_t(j) * nz + k;
+                    const FloatLanes dz = origin.z + (centres + float(k)) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
+                    const FloatLanes before = load_lanes(&squared[at]);
+                    const IntLanes code = load_lanes(&codes[at]), own = IntLanes{} + 2 * s;
+                    const IntLanes nearer = first_lanes(last + 1 - k) & ((d < before) | ((d == before) & (own < code)));
+                    store_lanes(nearer ? d : before, &squared[at]);
+                    store_lanes(nearer ? own : code, &codes[at]);
                 }
             }
         }
-    }
+        std::copy(codes.begin(), codes.end() - lane_count, &cells[i * ny * nz]);
+    });
 }
 
-void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance) {
+void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
     // A depth image from the sensor origin towards the cloud; its pixels are as wide as `pixel` at the mean range.
     double mean[3] = {0, 0, 0};
     for (const Vec &p : depth_points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
@@ -95,17 +114,23 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
                 d = std::min(d, z);
             }
     }
-    occluded.assign(int64_t(nx) * ny * nz, 0);
-    for (int i = 0; i < nx; ++i)
-        for (int j = 0; j < ny; ++j)
-            for (int k = 0; k < nz; ++k) {
-                const Vec p{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z + (k + .5f) * cell};
-                if (!project(p, u, v, z)) continue;
-                const float x = u + width * .5f, y = v + height * .5f;
-                if (x < 0 || y < 0 || x >= width || y >= height) continue;
-                if (z > depth[int64_t(y) * width + int64_t(x)] + tolerance)
-                    occluded[(int64_t(i) * ny + j) * nz + k] = 1;
+    parallel_for(nx, threads, [&](int64_t i) {
+        for (int j = 0; j < ny; ++j) {
+            const Vec start = Vec{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z} - sensor;
+            int *row = &cells[(i * ny + j) * nz];
+            for (int k = 0; k < nz; k += lane_count) {
+                const FloatLanes along = (centres + float(k)) * cell;
+                const FloatLanes range = dot(start, forward) + along * forward.z, scale = focal / range;
+                const FloatLanes x = scale * (dot(start, right) + along * right.z) + width * .5f,
+                                 y = scale * (dot(start, down) + along * down.z) + height * .5f;
+                const IntLanes inside = first_lanes(nz - k) & (range > 1e-6f) & (x >= 0) & (y >= 0) &
+                                        (x < float(width)) & (y < float(height));
+                if (!any_lane(inside)) continue;
+                for (int l = 0; l < lane_count; ++l)
+                    if (inside[l] && range[l] > depth[int64_t(y[l]) * width + int64_t(x[l])] + tolerance) row[k + l] |= 1;
             }
+        }
+    });
 }
 
 } // namespace pwr

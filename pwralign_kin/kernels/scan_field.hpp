@@ -1,6 +1,6 @@
 // The scan as a field: nearest oriented point around its surface, free and occluded space where a sensor origin is known.
 #pragma once
-#include "linalg.hpp"
+#include "lanes.hpp"
 
 namespace pwr {
 
@@ -16,17 +16,25 @@ class ScanField {
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
-              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow);
+              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, int threads);
 
-    // Cell of a position, -1 outside of the grid.
-    int64_t cell_at(Vec p) const {
+    // The cell of a position; outside of the grid there is one that is free and near to nothing.
+    int cell_at(Vec p) const {
         const float x = (p.x - origin.x) * inverse, y = (p.y - origin.y) * inverse, z = (p.z - origin.z) * inverse;
-        if (x < 0 || y < 0 || z < 0 || x >= nx || y >= ny || z >= nz) return -1;
-        return (int64_t(x) * ny + int64_t(y)) * nz + int64_t(z);
+        if (!(x >= 0 && y >= 0 && z >= 0 && x < nx && y < ny && z < nz)) return outside;
+        return (int(x) * ny + int(y)) * nz + int(z);
     }
-    // Nearest point of a cell, -1 if none is within the truncation.
-    int nearest(int64_t at) const { return index[at]; }
-    bool is_occluded(int64_t at) const { return !occluded.empty() && occluded[at]; }
+    // The cells of some positions.
+    IntLanes cells_at(const VecLanes &p) const {
+        const FloatLanes x = (p.x - origin.x) * inverse, y = (p.y - origin.y) * inverse, z = (p.z - origin.z) * inverse;
+        const IntLanes inside = (x >= 0) & (y >= 0) & (z >= 0) & (x < float(nx)) & (y < float(ny)) & (z < float(nz));
+        const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
+        return inside ? (whole(x) * ny + whole(y)) * nz + whole(z) : IntLanes{} + outside;
+    }
+    // Twice the nearest point of a cell, plus one where it is occluded; negative without a point.
+    int code(int cell) const { return cells[cell]; }
+    // Nearest point of a position's cell, -1 for none.
+    int nearest(Vec p) const { return cells[cell_at(p)] >> 1; }
 
     std::vector<OrientedPoint> points;
     std::vector<float> weight; // how much a point speaks for a part that lies on it
@@ -36,14 +44,14 @@ class ScanField {
     Vec sensor;
 
   private:
-    void splat(float truncation);
-    void mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance);
+    void splat(float truncation, int threads);
+    void mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads);
 
     float cell, inverse;
     Vec origin;
     int nx, ny, nz;
-    std::vector<int> index;
-    std::vector<uint8_t> occluded;
+    int outside = 0;        // index of the cell for all that lies outside of the grid
+    std::vector<int> cells; // codes
 };
 
 } // namespace pwr

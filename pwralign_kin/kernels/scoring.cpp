@@ -1,9 +1,10 @@
+#include "closest_parts.hpp"
+#include "sample_lanes.hpp"
 #include "search.hpp"
 #include <numeric>
 
 namespace pwr {
 
-// The part whose surface is nearest to each point: bounding spheres first, then the parts' closest-sample grids.
 Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                           float cap) const {
     Assignment a;
@@ -13,41 +14,14 @@ Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, cons
 }
 
 void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const {
-    struct Placed {
-        int part;
-        RigidF T;
-        Vec centre;
-        float radius;
-    };
-    std::vector<Placed> placed;
-    Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
+    const int64_t count = int64_t(a.distance.size());
+    const SplitPoints split(points, count, stride);
+    std::vector<float> best = a.distance;
+    best.resize(count + lane_count, 0.f);
+    std::vector<CloseSample> close;
     for (int p = 0; p < model.parts; ++p)
-        if (mask[p]) {
-            const RigidF F = to_float(T[p]);
-            const Vec c = apply(F, model.surface[p].centre);
-            const float r = model.surface[p].radius;
-            placed.push_back({p, F, c, r});
-            low = {std::min(low.x, c.x - r), std::min(low.y, c.y - r), std::min(low.z, c.z - r)};
-            high = {std::max(high.x, c.x + r), std::max(high.y, c.y + r), std::max(high.z, c.z + r)};
-        }
-    // A scene is mostly far from the model: its box says so at once.
-    auto outside = [](Vec small, Vec large, float reach) {
-        return small.x < large.x - reach || small.y < large.y - reach || small.z < large.z - reach;
-    };
-    for (int64_t i = 0; i < int64_t(a.distance.size()); ++i) {
-        const Vec point = points[i * stride];
-        float best = a.distance[i];
-        if (outside(point, low, best) || outside(high, point, best)) continue;
-        for (const Placed &p : placed) {
-            const Vec d = point - p.centre;
-            const float reach = p.radius + best;
-            if (dot(d, d) > reach * reach) continue;
-            float distance, aside;
-            const int sample = model.surface[p.part].closest(apply_inverse(p.T, point), distance, aside);
-            if (sample >= 0 && distance < best) best = distance, a.part[i] = p.part, a.sample[i] = sample;
-        }
-        a.distance[i] = best;
-    }
+        if (mask[p]) offer_part(model.surface[p], p, to_float(T[p]), split, best.data(), a.part.data(), a.sample.data(), close);
+    std::copy(best.begin(), best.begin() + count, a.distance.begin());
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
@@ -76,23 +50,17 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
     const Surface &s = model.surface[part];
     const int count = s.count(100);
     const float limit = distance * distance;
-    float sum = 0;
-    for (int i = 0; i < count; ++i) {
-        const Vec x = apply(T, s.p[i]);
-        const int64_t at = field.cell_at(x);
-        const int k = at < 0 ? -1 : field.nearest(at);
-        float squared = limit;
-        if (k >= 0) {
-            const Vec d = x - field.points[k].p;
-            squared = dot(d, d);
-        }
-        if (squared >= limit) sum -= s.w[i] * options.free_penalty;
-        else if (owner[k] == part || owner[k] < 0) {
-            const float facing = std::max(0.f, dot(rotate(T, s.n[i]), field.points[k].n));
-            sum += s.w[i] * (1 - squared / limit) * (.25f + .75f * facing);
-        } else sum -= s.w[i] * options.free_penalty * options.contested_penalty;
+    FloatLanes sum{};
+    for (int i = 0; i < count; i += lane_count) {
+        const SampleLanes at(field, s, T, i, count);
+        IntLanes holder{};
+        for (int j = 0; j < lane_count; ++j) holder[j] = owner[at.nearest[j]];
+        const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
+        const FloatLanes contested = all_lanes(-options.free_penalty * options.contested_penalty);
+        const FloatLanes near = (holder == part) | (holder < 0) ? match : contested;
+        sum += at.w * (at.squared < limit ? near : all_lanes(-options.free_penalty));
     }
-    return sum / s.cumulated[count];
+    return sum_of_lanes(sum) / s.cumulated[count];
 }
 
 // Evidence of a single view against a part, <= 0: surface in seen free space, or facing the sensor in front of the
@@ -101,26 +69,18 @@ float Search::violation(int part, const RigidF &T, float distance) const {
     const Surface &s = model.surface[part];
     const int count = s.count(100);
     const float limit = distance * distance;
-    float sum = 0;
-    for (int i = 0; i < count; ++i) {
-        const Vec x = apply(T, s.p[i]);
-        const int64_t at = field.cell_at(x);
-        if (at < 0) {
-            sum -= s.w[i];
-            continue;
-        }
-        const int k = field.nearest(at);
-        const Vec d = k >= 0 ? x - field.points[k].p : Vec{0, 0, 0};
-        if (k >= 0 && dot(d, d) < limit) {
-            const Vec n = rotate(T, s.n[i]), view = field.sensor - x;
-            if (dot(view, n) > .15f * norm(view)) {
-                const float facing = std::max(0.f, dot(n, field.points[k].n));
-                if (dot(d, view) > 0 || facing > .5f)
-                    sum -= options.mismatch_penalty * s.w[i] * (1 - (1 - dot(d, d) / limit) * (.25f + .75f * facing));
-            }
-        } else if (!field.is_occluded(at)) sum -= s.w[i];
+    FloatLanes sum{};
+    for (int i = 0; i < count; i += lane_count) {
+        const SampleLanes at(field, s, T, i, count);
+        const VecLanes view = field.sensor - at.place;
+        const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
+        // Seen under more than an eighty-first degree: its cosine is above .15.
+        const IntLanes shown = (at.seen > 0) & (at.seen * at.seen > .0225f * dot(view, view));
+        const IntLanes tells = shown & ((dot(at.away, view) > 0) | (at.facing > .5f));
+        const FloatLanes mismatch = tells ? options.mismatch_penalty * (1 - match) : FloatLanes{};
+        sum += at.w * (at.squared < limit ? mismatch : at.occluded ? FloatLanes{} : all_lanes(1));
     }
-    return sum / s.cumulated[count];
+    return -sum_of_lanes(sum) / s.cumulated[count];
 }
 
 // Support of the parts in `mask`.

@@ -118,9 +118,10 @@ class Search {
     // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
     void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                 float sigma_last, float support_weight, const std::vector<float> &part_weights) const;
-    // Normal equations of every part at given placements, from the given scan points.
-    void accumulate(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T, float sigma, float cap,
-                    float support_weight, const float *part_weights, std::vector<Normal> &normal, Assignment &a) const;
+    // Normal equations of every part at given placements, from the given scan points; `counts` gets those of each part.
+    std::vector<Normal> normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
+                                         float sigma, float cap, float support_weight, const float *part_weights,
+                                         std::vector<int> &counts) const;
     Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                       float cap) const;
     // Offer further parts to an assignment.
@@ -176,6 +177,10 @@ class Search {
     float overlap(const std::vector<RigidF> &T) const;
     // What speaks against a configuration, whatever the scan.
     float cost(const Configuration &c, const std::vector<RigidF> &T) const;
+    void pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
+                       float cap, std::vector<Normal> &normal, int *counts) const;
+    void pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
+                      std::vector<Normal> &normal) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 

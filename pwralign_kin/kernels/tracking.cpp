@@ -13,7 +13,7 @@ constexpr float depth_edge = .03f;            // neighbouring pixels farther apa
 constexpr int judged_samples = 64;            // per part
 constexpr float explained_distance = .02f;    // a point nearer to the model is explained
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
-constexpr size_t coarse_stride = 4, middle_stride = 2; // every so many points, in the first iterations and the next
+constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
 constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
 constexpr double independent_share = .5;      // of the points
 
@@ -52,17 +52,11 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
       thinned(candidates_per_point * points), near(points) {
     const size_t size = 6 + model.joints;
     kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
-    candidates.reserve(most_examined), likely.reserve(points);
+    candidates.reserve(most_examined), close.resize(points);
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;
-        Vec least = s.dense[0].p, most = least;
-        for (const OrientedPoint &d : s.dense) {
-            least = {std::min(least.x, d.p.x), std::min(least.y, d.p.y), std::min(least.z, d.p.z)};
-            most = {std::max(most.x, d.p.x), std::max(most.y, d.p.y), std::max(most.z, d.p.z)};
-        }
-        const Vec rim{s.slack, s.slack, s.slack};
-        bounds.push_back({p, s.radius, s.centre, .5f * (least + most), .5f * (most - least) + rim});
+        bounds.push_back({p, s.radius, s.centre});
     }
     information.resize(size * size), told.resize(size), H.resize(size * size), step.resize(size);
     reduced.resize(size * size), stopped.resize(model.joints);
@@ -218,7 +212,11 @@ void Tracking::settle() {
         for (int i = 0; i < most_points; ++i) kept[i] = kept[size_t(i) * kept.size() / most_points];
         kept.resize(most_points);
     }
-    likely.assign(kept.size(), -1);
+    reached.assign(kept.size(), 0);
+    for (size_t level = 0; level < strides.size(); ++level) {
+        thinner[level].clear();
+        for (size_t i = 0; i < kept.size(); i += strides[level]) thinner[level].push(kept[i]);
+    }
     near.clear(reach);
     for (size_t i = 0; i < kept.size(); ++i) {
         size_t slot;
@@ -239,30 +237,11 @@ bool Tracking::is_hidden(Vec p) const {
     return pixel >= 0 && ranges[pixel] < norm(d) - occluder_gap;
 }
 
-// Offer a part to a point: its bounding sphere, its box, then its closest-sample grid.
-bool Tracking::offer(const Bounds &bounds, Vec point, float &distance, int &sample) const {
-    const Vec d = point - bounds.centre;
-    const float limit = bounds.radius + distance;
-    if (dot(d, d) > limit * limit) return false;
-    const Vec local = apply_inverse(F[bounds.part], point), c = local - bounds.middle;
-    const Vec out{std::max(0.f, std::abs(c.x) - bounds.half.x), std::max(0.f, std::abs(c.y) - bounds.half.y),
-                  std::max(0.f, std::abs(c.z) - bounds.half.z)};
-    if (dot(out, out) > distance * distance) return false;
-    float own, aside;
-    const int found = model.surface[bounds.part].closest(local, own, aside);
-    if (found < 0 || own >= distance) return false;
-    distance = own, sample = found;
-    return true;
-}
-
-// The entry of `bounds` whose part is nearest to a point, -1 beyond the cap; the likely one is asked first.
-int Tracking::nearest(Vec point, float cap, int likely, float &distance, int &sample) const {
-    int best = -1;
-    distance = cap;
-    if (likely >= 0 && offer(bounds[likely], point, distance, sample)) best = likely;
-    for (int b = 0; b < int(bounds.size()); ++b)
-        if (b != likely && offer(bounds[b], point, distance, sample)) best = b;
-    return best;
+// Find the part nearest to each point, within a cap.
+void Tracking::assign(const SplitPoints &points, float cap) {
+    distance.assign(points.size + lane_count, cap), owner.assign(points.size, -1), sample.resize(points.size);
+    for (const Bounds &b : bounds)
+        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
 }
 
 TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
@@ -281,20 +260,21 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         const float progress = std::min(1.f, iteration / std::max(2.f, iterations * .3f));
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress), squared = sigma * sigma;
         all |= iteration + 1 == iterations;
-        const size_t stride = all ? 1 : progress < 1 ? coarse_stride : middle_stride;
+        const size_t level = all ? 0 : progress < 1 ? 2 : 1, stride = strides[level];
         const float cap = std::max(3 * sigma + .005f, explained_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
         int explained = 0;
         double squares = 0;
         place(base, values);
         const Vec about{F[0].t[0], F[0].t[1], F[0].t[2]};
         std::fill(normal.begin(), normal.end(), Normal());
-        for (size_t i = 0; i < kept.size(); i += stride) {
-            float distance;
-            int sample;
-            likely[i] = nearest(kept[i], cap, likely[i], distance, sample);
-            if (likely[i] < 0) continue;
-            const int p = bounds[likely[i]].part;
-            const OrientedPoint &s = model.surface[p].dense[sample];
+        assign(thinner[level], cap);
+        for (size_t at = 0; at < owner.size(); ++at) {
+            const size_t i = at * stride;
+            const int p = owner[at];
+            reached[i] = p >= 0;
+            if (p < 0) continue;
+            const float distance = this->distance[at];
+            const OrientedPoint &s = model.surface[p].dense[sample[at]];
             const Vec n = rotate(F[p], s.n), foot = apply(F[p], s.p);
             const Vec offset = kept[i] - foot;
             const float residual = dot(offset, n), kernel = squared / (squared + distance * distance);
@@ -347,13 +327,13 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         all = true;
     }
     orthonormalise(base.R);
-    int close = 0;
-    for (size_t i = 0; i < kept.size(); ++i) {
-        float distance;
-        int sample;
-        close += likely[i] >= 0 || nearest(kept[i], close_distance, -1, distance, sample) >= 0;
-    }
-    result.agreement = close ? std::min(1.f, result.coverage * float(kept.size()) / close) : 0.f;
+    apart.clear();
+    for (size_t i = 0; i < kept.size(); ++i)
+        if (!reached[i]) apart.push(kept[i]);
+    assign(apart, close_distance);
+    const auto beyond = std::count(owner.begin(), owner.end(), -1);
+    const float near = float(kept.size() - beyond);
+    result.agreement = near > 0 ? std::min(1.f, result.coverage * float(kept.size()) / near) : 0.f;
     return result;
 }
 

@@ -1,7 +1,8 @@
 // One model followed from frame to frame: few points, no field of the scan, no memory taken once the first frames have
 // shown how much is needed.
 #pragma once
-#include "articulated.hpp"
+#include "closest_parts.hpp"
+#include <array>
 #include <limits>
 
 namespace pwr {
@@ -93,14 +94,12 @@ class Tracking {
     struct Bounds {
         int part;
         float radius;
-        Vec centre;       // of the sphere, as placed
-        Vec middle, half; // of the box, in the part's frame
+        Vec centre; // of the sphere, as placed
     };
     void examine(Vec p);
     void settle();
     void place(const Rigid &base, const double *values);
-    bool offer(const Bounds &bounds, Vec point, float &distance, int &sample) const;
-    int nearest(Vec point, float cap, int likely, float &distance, int &sample) const;
+    void assign(const SplitPoints &points, float cap);
     bool faces_sensor(Vec p, Vec n, float cosine) const;
     bool is_hidden(Vec p) const;
     void solve(const double *values);
@@ -127,7 +126,12 @@ class Tracking {
     };
     std::vector<Vec> candidates;
     std::vector<Sum> sums; // of the candidates of each cell
-    std::vector<int> likely; // where in `bounds` the last iteration found the nearest part of each point
+    std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
+    SplitPoints apart;                  // those that the model does not reach
+    std::vector<uint8_t> reached;       // whether the last look at each point found a part near to it
+    std::vector<float> distance;        // of the points assigned last from the nearest part, ...
+    std::vector<int> owner, sample;     // ... which part that is, -1 for none, and its sample
+    std::vector<CloseSample> close;
     HashedCells thinned, near;
 };
 

@@ -19,7 +19,7 @@ from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
 from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
 from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
-from pwralign_kin.model.surface import Surface, kernel_model, prepare_surfaces
+from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
 from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
 from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
 from pwralign_kin.model.urdf import Description, GeometryKind, Joint, read_urdf
@@ -129,7 +129,7 @@ class ArticulatedModel:
         shapes = read_geometry(description, path, folders, mesh_units)
         diagonal = _diagonal_at_zero(welds, shapes)
         model = cls._assemble(path, description.with_ranges(diagonal), welds, shapes, diagonal)
-        model.kernel_model, model.symmetry  # noqa: B018  prepared here, once, so that no estimate pays for it
+        model.kernel_model, model.symmetry, model.reach  # noqa: B018  prepared here, once, so that no estimate pays for it
         return model
 
     @classmethod
@@ -181,6 +181,11 @@ class ArticulatedModel:
     def kernel_model(self) -> kernels.Articulated:
         """The model as the compiled kernels take it."""
         return kernel_model(self, self.surfaces)
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest extent of the model over its joint values, m."""
+        return model_reach(self.kernel_model, self.surfaces) * self.diagonal
 
     @cached_property
     def symmetry(self) -> Symmetry:

@@ -31,6 +31,7 @@ MOST_DENSE_SAMPLES = 30000
 GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
 GRID_BAND = 0.07
 CONFIGURATIONS = 12
+REACH_CONFIGURATIONS = 60
 DIRECTIONS = 14
 SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
 LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
@@ -101,6 +102,23 @@ def part_weights(surfaces: Sequence[Surface]) -> Float:
     areas = np.array([s.area for s in surfaces])
     weights = np.maximum(areas / areas.sum(), LEAST_WEIGHT) * [s.exists for s in surfaces]
     return np.asarray(weights / weights.sum(), np.float32)
+
+
+def model_reach(native: kernels.Articulated, surfaces: Sequence[Surface]) -> float:
+    """Return the largest diagonal of the box around the model over random joint values, in model diagonals."""
+    random = np.random.default_rng(0)
+    lower, upper = native.limits
+    values = random.uniform(lower, upper, (REACH_CONFIGURATIONS, len(lower)))
+    T = np.asarray(native.forward(np.tile(np.eye(4), (REACH_CONFIGURATIONS, 1, 1)), values))
+    placed = np.concatenate(
+        [
+            surface.samples[:12] @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
+            for i, surface in enumerate(surfaces)
+            if surface.exists
+        ],
+        axis=1,
+    )
+    return float(np.linalg.norm(np.ptp(placed, axis=1), axis=1).max())
 
 
 def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernels.Articulated:

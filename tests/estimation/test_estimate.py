@@ -115,8 +115,17 @@ def test_a_guess_is_refined(arm: pk.ArticulatedModel, single_scan: SimulatedScan
     assert base_shift(arm, estimate, truth) < 0.01
 
 
+def test_a_guess_that_leads_to_a_plain_answer_is_not_repaired(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan
+) -> None:
+    estimate = pk.estimate(arm, single_scan.scan, initial=single_scan.state)
+    assert "repair" not in estimate.timings
+    assert base_shift(arm, estimate, single_scan.state) < 0.01
+
+
 def test_a_bad_guess_is_searched_away(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
     estimate = pk.estimate(arm, full_scan.scan, initial=pk.State(np.eye(4), {"shoulder": 0.0}))
+    assert "repair" in estimate.timings
     assert worst_joint(arm, estimate, full_scan.state) < np.radians(2)
 
 

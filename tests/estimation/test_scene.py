@@ -13,7 +13,7 @@ from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
@@ -42,8 +42,7 @@ def searched_points(ready: Observation) -> np.ndarray:
 
 
 def taken_for_scene(model: pk.ArticulatedModel, scan: pk.Scan) -> bool:
-    reach = model_reach(model.kernel_model, model.surfaces) * model.diagonal
-    return is_scene(scan, model.diagonal, reach, SceneOptions(), ObservationOptions(), 2)
+    return is_scene(scan, model.diagonal, model.reach, SceneOptions(), ObservationOptions(), 2)
 
 
 def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:

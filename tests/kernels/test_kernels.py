@@ -58,6 +58,21 @@ def test_voxel_means_are_the_means_of_their_points() -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(("count", "asked", "each"), [(4000, 500, 7), (300, 300, 24), (5, 40, 9)])
+def test_nearest_neighbours_match_brute_force(count: int, asked: int, each: int, threads: int) -> None:
+    points, queries = cloud(count, seed=3), cloud(asked, seed=4)
+    points[:, 2] *= 0.05  # a sheet, more crowded on one side, and strays far from it
+    points[: count // 2, 0] *= 0.2
+    points[:2] += 30.0
+    queries[:3] -= 5.0
+    distance, index = kernels.nearest_neighbours(points, queries, each, threads)
+    apart = np.linalg.norm(queries[:, None].astype(float) - points[None], axis=2)
+    assert index.shape == (asked, min(each, count))
+    np.testing.assert_allclose(distance, np.sort(apart, axis=1)[:, :each], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(np.take_along_axis(apart, index.astype(int), axis=1), distance, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
 def test_local_planes_find_normal_and_thickness_of_a_noisy_plane(threads: int) -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.random((4000, 2)), 0.01 * rng.normal(size=4000)]).astype(np.float32)

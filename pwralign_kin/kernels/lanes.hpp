@@ -1,0 +1,81 @@
+// Eight numbers at a time, by the vector types of GCC and Clang: arithmetic and comparisons go lane by lane, a condition
+// is -1 or 0 a lane, and `condition ? a : b` chooses lane by lane.
+#pragma once
+#include "linalg.hpp"
+
+namespace pwr {
+
+constexpr int lane_count = 8;
+using FloatLanes = float __attribute__((vector_size(4 * lane_count)));
+using IntLanes = int32_t __attribute__((vector_size(4 * lane_count)));
+
+inline FloatLanes load_lanes(const float *from) {
+    FloatLanes out;
+    std::memcpy(&out, from, sizeof(out));
+    return out;
+}
+inline IntLanes load_lanes(const int *from) {
+    IntLanes out;
+    std::memcpy(&out, from, sizeof(out));
+    return out;
+}
+template <typename Lanes, typename Number> void store_lanes(Lanes lanes, Number *to) { std::memcpy(to, &lanes, sizeof(lanes)); }
+inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
+inline FloatLanes max_lanes(FloatLanes a, FloatLanes b) { return a > b ? a : b; }
+inline FloatLanes abs_lanes(FloatLanes a) { return max_lanes(a, -a); }
+inline bool any_lane(IntLanes condition) {
+    int64_t words[lane_count / 2];
+    std::memcpy(words, &condition, sizeof(words));
+    return words[0] | words[1] | words[2] | words[3];
+}
+inline float sum_of_lanes(FloatLanes a) {
+    float sum = 0;
+    for (int j = 0; j < lane_count; ++j) sum += a[j];
+    return sum;
+}
+inline IntLanes first_lanes(int count) { return IntLanes{0, 1, 2, 3, 4, 5, 6, 7} < IntLanes{} + count; }
+
+struct VecLanes {
+    FloatLanes x, y, z;
+};
+inline VecLanes operator-(const VecLanes &a, const VecLanes &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline VecLanes operator-(Vec a, const VecLanes &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline VecLanes operator-(const VecLanes &a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline FloatLanes dot(const VecLanes &a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline FloatLanes dot(Vec a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline VecLanes rotate(const RigidF &A, const VecLanes &p) {
+    return {A.R[0] * p.x + A.R[1] * p.y + A.R[2] * p.z, A.R[3] * p.x + A.R[4] * p.y + A.R[5] * p.z,
+            A.R[6] * p.x + A.R[7] * p.y + A.R[8] * p.z};
+}
+inline VecLanes apply(const RigidF &A, const VecLanes &p) {
+    const VecLanes r = rotate(A, p);
+    return {r.x + A.t[0], r.y + A.t[1], r.z + A.t[2]};
+}
+inline VecLanes apply_inverse(const RigidF &A, const VecLanes &p) {
+    const FloatLanes x = p.x - A.t[0], y = p.y - A.t[1], z = p.z - A.t[2];
+    return {A.R[0] * x + A.R[3] * y + A.R[6] * z, A.R[1] * x + A.R[4] * y + A.R[7] * z,
+            A.R[2] * x + A.R[5] * y + A.R[8] * z};
+}
+
+// Positions coordinate by coordinate, padded so that `lane_count` may be read from any of them on.
+struct SplitPoints {
+    std::vector<float> x, y, z;
+    int64_t size = 0;
+
+    SplitPoints() = default;
+    SplitPoints(const Vec *points, int64_t count, int64_t stride)
+        : x(count + lane_count, 0.f), y(count + lane_count, 0.f), z(count + lane_count, 0.f), size(count) {
+        for (int64_t i = 0; i < count; ++i) x[i] = points[i * stride].x, y[i] = points[i * stride].y, z[i] = points[i * stride].z;
+    }
+    void clear() { size = 0; }
+    void push(Vec p) {
+        if (size + lane_count >= int64_t(x.size())) {
+            const size_t most = 2 * size + 4 * lane_count;
+            x.resize(most, 0.f), y.resize(most, 0.f), z.resize(most, 0.f);
+        }
+        x[size] = p.x, y[size] = p.y, z[size] = p.z, ++size;
+    }
+    VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
+};
+
+} // namespace pwr

@@ -1,0 +1,42 @@
+// Some samples of a part looked up in the scan at once, without branches.
+#pragma once
+#include "articulated.hpp"
+#include "lanes.hpp"
+
+namespace pwr {
+
+struct SampleLanes {
+    FloatLanes w;        // weights, 0 beyond the last sample
+    VecLanes place;      // placed samples
+    IntLanes found;      // whether there is a scan point near to the sample's cell
+    IntLanes occluded;   // whether the cell is
+    VecLanes away;       // sample minus that point; meaningless where none was found
+    FloatLanes squared;  // squared length of that, infinite where none was found
+    FloatLanes facing;   // cosine between the normals, at least 0
+    FloatLanes seen;     // cosine between the sample's normal and the direction to the sensor, times the sensor's distance
+    int nearest[lane_count]; // the scan points, 0 where none was found
+
+    // Look at the samples [first, last) of a surface, at most `lane_count`.
+    SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last) {
+        w = first_lanes(last - first) ? load_lanes(&surface.lane_weights[first]) : FloatLanes{};
+        place = apply(T, surface.lane_points.at(first));
+        const VecLanes normal = rotate(T, surface.lane_normals.at(first));
+        const IntLanes cell = field.cells_at(place);
+        IntLanes code{};
+        for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
+        found = code >= 0, occluded = -(code & 1);
+        const IntLanes points = found ? code >> 1 : IntLanes{};
+        VecLanes q{}, n{};
+        for (int j = 0; j < lane_count; ++j) {
+            nearest[j] = points[j];
+            const OrientedPoint &at = field.points[points[j]];
+            q.x[j] = at.p.x, q.y[j] = at.p.y, q.z[j] = at.p.z, n.x[j] = at.n.x, n.y[j] = at.n.y, n.z[j] = at.n.z;
+        }
+        away = place - q;
+        squared = found ? dot(away, away) : all_lanes(1e30f);
+        facing = max_lanes(dot(normal, n), FloatLanes{});
+        seen = dot(field.sensor - place, normal);
+    }
+};
+
+} // namespace pwr

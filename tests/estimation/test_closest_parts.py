@@ -1,0 +1,35 @@
+"""The part that each point lies on, against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.tree_search import TreeSearch
+
+BAND = 0.06
+
+
+def test_points_belong_to_the_part_whose_surface_is_nearest(search: TreeSearch) -> None:
+    random = np.random.default_rng(0)
+    at = Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.neutral))), np.zeros(1, np.float32))
+    placements = search.part_placements(at)[0]
+    placed = [surface.dense @ T[:3, :3].T + T[:3, 3] for T, surface in zip(placements, search.surfaces, strict=True)]
+    near = np.concatenate(placed)[:: max(1, sum(map(len, placed)) // 1003)]
+    points = np.concatenate([near + random.normal(scale=0.02, size=near.shape), random.uniform(-2, 2, (50, 3))])
+    distance, part, sample = search.native.assign(
+        points.astype(np.float32), np.ascontiguousarray(placements), search.exists.astype(np.uint8), BAND
+    )
+    true = np.array([np.linalg.norm(points[:, None] - own[None], axis=2).min(axis=1) for own in placed]).T
+    best = true.min(axis=1)
+    assert (part[best < 0.8 * BAND] >= 0).all()
+    assert (part[best > 1.2 * BAND] < 0).all()
+    assert (distance[part < 0] == np.float32(BAND)).all()
+    # Cells name the sample nearest to their middle, which stands for a disc around it.
+    found = part >= 0
+    cell = max(float(surface.scalars[0]) for surface in search.surfaces)
+    assert (distance[found] <= true[found, part[found]] + cell).all()
+    clear = found & (np.sort(true, axis=1)[:, 1] > best + 0.02)
+    assert clear.sum() > 300
+    assert (part[clear] == true[clear].argmin(axis=1)).all()
+    assert all(0 <= s < len(search.surfaces[p].dense) for s, p in zip(sample[found], part[found], strict=True))
