@@ -12,7 +12,7 @@ from pwralign_kin.estimation.correspondences import Correspondences, oriented_pa
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
-from pwralign_kin.estimation.scene_search import is_convincing, search_regions
+from pwralign_kin.estimation.scene_search import is_convincing, repaired_in_places, search_regions
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -79,10 +79,11 @@ class AnswerSearch:
 
     def without_guess(self) -> Candidates:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits."""
+        if self.search.observation.scene:
+            return self._in_scene()
         several: list[Candidates] = []
-        for attempt in range(self._searches):
-            seed = self.options.seed + attempt
-            several.append(self._in_scene(seed) if self.search.observation.scene else self._once(seed))
+        for attempt in range(self.effort.searches):
+            several.append(self._once(self.options.seed + attempt))
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
@@ -124,11 +125,6 @@ class AnswerSearch:
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
         return ranked(search, fine)
 
-    @property
-    def _searches(self) -> int:
-        """How often a scan is searched at most: in a scene, some of it is not of the model and hides the rest."""
-        return self.effort.searches + self.search.observation.scene * self.options.scene_search.more_attempts
-
     def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
         """Return whether another search would be in vain."""
         as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
@@ -165,17 +161,25 @@ class AnswerSearch:
         with self.watch.stage("repair"):
             return self._repaired(refined, turn=True)
 
-    def _in_scene(self, seed: int) -> Candidates:
-        """Search a scene, region by region."""
-        with self.watch.stage("regions"):
-            found = search_regions(
-                self.search, self.options.scene_search, self.repairing, seed, self._outside(seed), self.near,
-                pairs="pairs" in self.options.sources,
-            )  # fmt: skip
-        if found is None:
-            raise self._nothing_placed
+    def _in_scene(self) -> Candidates:
+        """Search a scene, region by region, until an answer is convincing; repair what is best of all searches."""
+        options = self.options.scene_search
+        several: list[Candidates] = []
+        for attempt in range(self.effort.searches + options.more_attempts):
+            seed = self.options.seed + attempt
+            with self.watch.stage("regions"):
+                found = search_regions(
+                    self.search, options, self.repairing, seed, self._outside(seed), self.near,
+                    pairs="pairs" in self.options.sources,
+                )  # fmt: skip
+            if found is None:
+                raise self._nothing_placed
+            several.append(found)
+            best = Candidates.concatenate(several).best_first()
+            if is_convincing(self.search, best.take([0]), options):
+                break
         with self.watch.stage("repair"):
-            return self._repaired(found, turn=True)
+            return repaired_in_places(self.search, options, self.repairing, best)
 
     def _repaired(self, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import Float
-from pwralign_kin.estimation.repair import RepairOptions, repair_moves
+from pwralign_kin.estimation.repair import RepairOptions, repair
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -42,10 +43,14 @@ class SceneSearchOptions:
     """... so many of each region, ..."""
     kept_by_coverage: int = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
-    leaders: int = 5
-    """Regions whose best configuration is repaired once before the regions are compared."""
-    moves: int = 8
-    """Moves of each that are refined."""
+    leaders: int = 3
+    """Distinct configurations, those that explain most, that are repaired a little before all are compared."""
+    rounds: int = 2
+    """Rounds of repair that each of them gets."""
+    focus: float = 0.35
+    """Points this near (model diagonals) to a configuration are looked at when it is repaired."""
+    places: int = 2
+    """Leaders whose surroundings are looked at in the end; one if it is convincing."""
 
 
 def search_regions(
@@ -73,7 +78,7 @@ def search_regions(
         passing = [f.take(search.passes(f, near)) for f in found]
         found = [f for f in passing if len(f)] or found
     refined = search.scored(search.refined(_chosen(search, options, found)))[0]
-    return Candidates.concatenate([refined, *_improved(search, options, repairing, found, seed)])
+    return Candidates.concatenate([refined, *_improved(search, options, repairing, refined)])
 
 
 def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
@@ -87,19 +92,23 @@ def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candida
 
 
 def _improved(
-    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, found: list[Candidates], seed: int
+    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, refined: Candidates
 ) -> Iterator[Candidates]:
-    """Yield what one round of repair makes of the leaders of the regions that explain most.
+    """Yield what a little repair makes of the leaders, until one is convincing.
 
-    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them.
+    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but it
+    explains more.
     """
-    firsts = Candidates.concatenate([f.take(slice(1)) for f in found])
-    leaders = search.refined(firsts)
-    for leader in np.argsort(-search.coverage(leaders), kind="stable")[: options.leaders]:
-        moves = repair_moves(search, leaders.take([leader]), repairing, seed, foremost=True, turn=False)
-        if moves is not None:
-            moved = search.sifted(moves, options.moves)
-            yield search.scored(search.refined(moved, iterations=10))[0]
+    by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
+    leaders = search.distinct(by_coverage, options.leaders, search.options.distinct)
+    short = replace(repairing, rounds=options.rounds, solutions=1)
+    for rank in range(len(leaders)):
+        leader = leaders.take([rank])
+        focused = search.about(leader, options.focus)
+        improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
+        yield improved
+        if is_convincing(search, improved, options):
+            return
 
 
 def _sources(
@@ -128,3 +137,25 @@ def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearc
     """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
     explained = float(search.coverage(candidate)[0]) * search.coverage_scale
     return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained
+
+
+def repaired_in_places(
+    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, candidates: Candidates
+) -> Candidates:
+    """Return the distinct solutions after repair where the best candidates are, best first."""
+    left, several = search.distinct(candidates, repairing.solutions, search.options.distinct), []
+    for _ in range(options.places):
+        best = left.take([0])
+        focused = search.about(best, options.focus)
+        solutions = repair(focused, focused.scored(left)[0], repairing, turn=True)
+        several.append(search.scored(solutions)[0])
+        left = left.take(_apart(search, left, several[-1].take([0]), options.focus))
+        if len(left) == 0 or is_convincing(search, several[-1].take([0]), options):
+            break
+    return search.distinct(Candidates.concatenate(several), repairing.solutions, search.options.distinct)
+
+
+def _apart(search: TreeSearch, candidates: Candidates, other: Candidates, distance: float) -> NDArray[np.bool_]:
+    """Return which candidates (m,) are farther than `distance` from one other, on average over the surface."""
+    positions, others = search.probe_positions(candidates), search.probe_positions(other)
+    return np.asarray(np.linalg.norm(positions - others, axis=-1).mean(axis=-1) > distance)
