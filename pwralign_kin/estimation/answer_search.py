@@ -12,7 +12,7 @@ from pwralign_kin.estimation.correspondences import Correspondences, oriented_pa
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
-from pwralign_kin.estimation.scene_search import is_convincing, repaired_in_places, search_regions
+from pwralign_kin.estimation.scene_search import elsewhere, is_convincing, search_regions
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -97,7 +97,7 @@ class AnswerSearch:
             starts = [search.refined(start, iterations=25, sigma=sigma) for sigma in WARM_SIGMAS]
             refined = search.scored(Candidates.concatenate(starts))[0]
         with self.watch.stage("repair"):
-            solutions = self._repaired(refined, turn=False)
+            solutions = self._repaired(search, refined, turn=False)
         # Things may touch the model in a scene.
         tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
         if search.unexplained(solutions.take([0])) > tolerated:
@@ -159,18 +159,19 @@ class AnswerSearch:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
-            return self._repaired(refined, turn=True)
+            return self._repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
         """Search a scene, region by region, until an answer is convincing; repair what is best of all searches."""
         options = self.options.scene_search
         several: list[Candidates] = []
+        repaired: list[Candidates] = []
         for attempt in range(self.effort.searches + options.more_attempts):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
                 found = search_regions(
                     self.search, options, self.repairing, seed, self._outside(seed), self.near,
-                    pairs="pairs" in self.options.sources,
+                    repaired, pairs="pairs" in self.options.sources,
                 )  # fmt: skip
             if found is None:
                 raise self._nothing_placed
@@ -179,11 +180,24 @@ class AnswerSearch:
             if is_convincing(self.search, best.take([0]), options):
                 break
         with self.watch.stage("repair"):
-            return repaired_in_places(self.search, options, self.repairing, best)
+            return self._repaired_in_places(best)
 
-    def _repaired(self, candidates: Candidates, *, turn: bool) -> Candidates:
+    def _repaired_in_places(self, candidates: Candidates) -> Candidates:
+        """Repair the best candidates of a scene, and the best that are elsewhere, where they are."""
+        search, options = self.search, self.options.scene_search
+        left, several = self._distinct([candidates]), []
+        for _ in range(options.places):
+            focused = search.about(left.take([0]), options.focus)
+            solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
+            several.append(search.scored(solutions)[0].best_first())
+            best = several[-1].take([0])
+            left = left.take(elsewhere(search, left, best, options.focus))
+            if len(left) == 0 or self._is_convincing(best):
+                break
+        return self._distinct(several)
+
+    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        search = self.search
         solutions = repair(search, candidates, self.repairing, turn=turn)
         if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
             # Wide beams take their time: they are for the few solutions that are nearly right.

@@ -60,12 +60,14 @@ def search_regions(
     seed: int,
     outside: Hypotheses,
     near: Float | None,
+    earlier: list[Candidates],
     *,
     pairs: bool,
 ) -> Candidates | None:
     """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
 
-    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped.
+    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped. What is like
+    one of the `earlier` configurations is not repaired again; those repaired now are added to them.
     """
     found = [
         _searched(search, options, hypotheses, share)
@@ -78,7 +80,7 @@ def search_regions(
         passing = [f.take(search.passes(f, near)) for f in found]
         found = [f for f in passing if len(f)] or found
     refined = search.scored(search.refined(_chosen(search, options, found)))[0]
-    return Candidates.concatenate([refined, *_improved(search, options, repairing, refined)])
+    return Candidates.concatenate([refined, *_improved(search, options, repairing, refined, earlier)])
 
 
 def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
@@ -87,12 +89,17 @@ def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candida
     rank = np.concatenate([np.arange(len(f)) for f in found])
     firsts = np.flatnonzero(rank < options.kept_per_region)
     best = np.argsort(-together.scores, kind="stable")[: options.kept]
-    most = np.argsort(-search.coverage(together), kind="stable")[: options.kept_by_coverage]
+    coverage = search.coverage(together, search.options.sift_points)
+    most = np.argsort(-coverage, kind="stable")[: options.kept_by_coverage]
     return together.take(np.unique(np.concatenate([firsts, best, most])))
 
 
 def _improved(
-    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, refined: Candidates
+    search: TreeSearch,
+    options: SceneSearchOptions,
+    repairing: RepairOptions,
+    refined: Candidates,
+    earlier: list[Candidates],
 ) -> Iterator[Candidates]:
     """Yield what a little repair makes of the leaders, until one is convincing.
 
@@ -100,15 +107,23 @@ def _improved(
     explains more.
     """
     by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
-    leaders = search.distinct(by_coverage, options.leaders, search.options.distinct)
+    leaders = search.distinct(by_coverage, options.leaders + len(earlier), search.options.distinct)
+    if is_convincing(search, leaders.take([0]), options):
+        return
     short = replace(repairing, rounds=options.rounds, solutions=1)
-    for rank in range(len(leaders)):
+    new = [rank for rank in range(len(leaders)) if _is_new(search, leaders.take([rank]), earlier)]
+    for rank in new[: options.leaders]:
         leader = leaders.take([rank])
         focused = search.about(leader, options.focus)
         improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
+        earlier += [leader, improved]
         yield improved
         if is_convincing(search, improved, options):
             return
+
+
+def _is_new(search: TreeSearch, candidate: Candidates, earlier: list[Candidates]) -> bool:
+    return all(elsewhere(search, candidate, other, search.options.distinct).all() for other in earlier)
 
 
 def _sources(
@@ -130,7 +145,7 @@ def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypot
     """Return configurations grown from a share of the budget and refined a little, best first."""
     roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
     kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
-    return search.scored(search.refined(kept, iterations=options.iterations))[0].best_first()
+    return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
 
 
 def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:
@@ -139,23 +154,7 @@ def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearc
     return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained
 
 
-def repaired_in_places(
-    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, candidates: Candidates
-) -> Candidates:
-    """Return the distinct solutions after repair where the best candidates are, best first."""
-    left, several = search.distinct(candidates, repairing.solutions, search.options.distinct), []
-    for _ in range(options.places):
-        best = left.take([0])
-        focused = search.about(best, options.focus)
-        solutions = repair(focused, focused.scored(left)[0], repairing, turn=True)
-        several.append(search.scored(solutions)[0])
-        left = left.take(_apart(search, left, several[-1].take([0]), options.focus))
-        if len(left) == 0 or is_convincing(search, several[-1].take([0]), options):
-            break
-    return search.distinct(Candidates.concatenate(several), repairing.solutions, search.options.distinct)
-
-
-def _apart(search: TreeSearch, candidates: Candidates, other: Candidates, distance: float) -> NDArray[np.bool_]:
-    """Return which candidates (m,) are farther than `distance` from one other, on average over the surface."""
+def elsewhere(search: TreeSearch, candidates: Candidates, other: Candidates, distance: float) -> NDArray[np.bool_]:
+    """Return which candidates (m,) are farther than `distance` from another one, on average over the surface."""
     positions, others = search.probe_positions(candidates), search.probe_positions(other)
     return np.asarray(np.linalg.norm(positions - others, axis=-1).mean(axis=-1) > distance)

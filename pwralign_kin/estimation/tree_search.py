@@ -294,9 +294,9 @@ class TreeSearch:
         best = Candidates(candidates.bases, candidates.values, total).best_first().take(slice(4 * count))
         return self.distinct(best, count, self.options.alike)
 
-    def coverage(self, candidates: Candidates) -> Float:
-        """Return the weighted share of the scan that each candidate explains."""
-        return self._score(candidates, self.options.coverage_distance)[1]
+    def coverage(self, candidates: Candidates, points: int | None = None) -> Float:
+        """Return the weighted share of the scan that each candidate explains; by a sample of `points` about it."""
+        return self._score(candidates, self.options.coverage_distance, points)[1]
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
         points = self._spread(points) if points else int(self.searched.sum())
