@@ -187,7 +187,7 @@ def _observed(
         kept_points, normals, weight, area, region, field_cell, preparing.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        pixel, preparing.depth_tolerance, preparing.shadow,
+        pixel, preparing.depth_tolerance, preparing.shadow, threads,
     )  # fmt: skip
     of_model = np.zeros(len(points), bool)
     of_model[kept[~planes]] = True

@@ -83,6 +83,7 @@ class ScanField:
         pixel: float,
         tolerance: float,
         shadow: float,
+        threads: int,
     ) -> None: ...
 
 class SearchOptions:

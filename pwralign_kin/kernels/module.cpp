@@ -228,14 +228,14 @@ void bind_model(nb::module_ &m) {
 
 void bind_search(nb::module_ &m) {
     nb::class_<ScanField>(m, "ScanField")
-        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow) {
+        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow, int threads) {
             const size_t count = points.shape(0);
             require(count > 0 && normals.shape(0) == count && weights.shape(0) == count && areas.shape(0) == count && regions.shape(0) == count, "the arrays of the points differ in length");
             require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;
-            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow);
-        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a);
+            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow, threads);
+        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "threads"_a);
 
     nb::class_<SearchOptions>(m, "SearchOptions")
         .def(nb::init<>())
@@ -270,7 +270,7 @@ void bind_search(nb::module_ &m) {
             self.prior = Prior(self.model, base, {values.data(), values.data() + k}, {inverse_deviations.data(), inverse_deviations.data() + k});
         }, "position"_a, "position_deviation"_a, "turn"_a, "turn_deviation"_a, "up"_a, "up_deviation"_a, "region"_a, "region_deviation"_a, "values"_a, "inverse_deviations"_a)
         .def("look_first", [](Search &self, Bytes marked) {
-            if (marked.shape(0) != self.field.points.size()) throw std::invalid_argument("one mark a scan point");
+            require(marked.shape(0) == self.field.points.size(), "one mark per scan point is needed");
             self.look_first({marked.data(), marked.data() + marked.shape(0)});
         }, "marked"_a)
         .def("base_prior", [](const Search &self, Placements base) {

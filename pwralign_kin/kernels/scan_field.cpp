@@ -1,4 +1,5 @@
 #include "scan_field.hpp"
+#include "parallel.hpp"
 #include <algorithm>
 
 namespace pwr {
@@ -6,7 +7,7 @@ namespace pwr {
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
-                     float shadow)
+                     float shadow, int threads)
     : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
       inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
@@ -27,37 +28,42 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nx = int(std::ceil((high.x + margin - origin.x) * inverse)) + 1;
     ny = int(std::ceil((high.y + margin - origin.y) * inverse)) + 1;
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
-    splat(truncation);
-    if (has_origin) mark_occluded(depth_points, pixel, tolerance);
+    splat(truncation, threads);
+    if (has_origin) mark_occluded(depth_points, pixel, tolerance, threads);
 }
 
-void ScanField::splat(float truncation) {
+void ScanField::splat(float truncation, int threads) {
     const int64_t size = int64_t(nx) * ny * nz;
     index.assign(size, -1);
     std::vector<float> nearest_squared(size, 1e30f);
     const int reach = int(truncation * inverse) + 1;
-    for (size_t s = 0; s < points.size(); ++s) {
-        const Vec p = points[s].p;
-        const int ci = int((p.x - origin.x) * inverse), cj = int((p.y - origin.y) * inverse),
-                  ck = int((p.z - origin.z) * inverse);
-        for (int i = std::max(0, ci - reach); i <= std::min(nx - 1, ci + reach); ++i) {
-            const float dx = origin.x + (i + .5f) * cell - p.x, rest = truncation * truncation - dx * dx;
-            if (rest < 0) continue;
-            for (int j = std::max(0, cj - reach); j <= std::min(ny - 1, cj + reach); ++j) {
-                const float dy = origin.y + (j + .5f) * cell - p.y, left = rest - dy * dy;
-                if (left < 0) continue;
-                const int width = int(std::sqrt(left) * inverse) + 1;
-                const int64_t row = (int64_t(i) * ny + j) * nz;
-                for (int k = std::max(0, ck - width); k <= std::min(nz - 1, ck + width); ++k) {
-                    const float dz = origin.z + (k + .5f) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
-                    if (d < nearest_squared[row + k]) nearest_squared[row + k] = d, index[row + k] = int(s);
+    // Each slab of cells is written by one thread, in the order of the points.
+    constexpr int slab = 16;
+    parallel_for((nx + slab - 1) / slab, threads, [&](int64_t part) {
+        const int first = int(part) * slab, last = std::min(nx, first + slab) - 1;
+        for (size_t s = 0; s < points.size(); ++s) {
+            const Vec p = points[s].p;
+            const int ci = int((p.x - origin.x) * inverse), cj = int((p.y - origin.y) * inverse),
+                      ck = int((p.z - origin.z) * inverse);
+            for (int i = std::max(first, ci - reach); i <= std::min(last, ci + reach); ++i) {
+                const float dx = origin.x + (i + .5f) * cell - p.x, rest = truncation * truncation - dx * dx;
+                if (rest < 0) continue;
+                for (int j = std::max(0, cj - reach); j <= std::min(ny - 1, cj + reach); ++j) {
+                    const float dy = origin.y + (j + .5f) * cell - p.y, left = rest - dy * dy;
+                    if (left < 0) continue;
+                    const int width = int(std::sqrt(left) * inverse) + 1;
+                    const int64_t row = (int64_t(i) * ny + j) * nz;
+                    for (int k = std::max(0, ck - width); k <= std::min(nz - 1, ck + width); ++k) {
+                        const float dz = origin.z + (k + .5f) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
+                        if (d < nearest_squared[row + k]) nearest_squared[row + k] = d, index[row + k] = int(s);
+                    }
                 }
             }
         }
-    }
+    });
 }
 
-void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance) {
+void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
     // A depth image from the sensor origin towards the cloud; its pixels are as wide as `pixel` at the mean range.
     double mean[3] = {0, 0, 0};
     for (const Vec &p : depth_points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
@@ -96,7 +102,8 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
             }
     }
     occluded.assign(int64_t(nx) * ny * nz, 0);
-    for (int i = 0; i < nx; ++i)
+    parallel_for(nx, threads, [&](int64_t i) {
+        float u, v, z;
         for (int j = 0; j < ny; ++j)
             for (int k = 0; k < nz; ++k) {
                 const Vec p{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z + (k + .5f) * cell};
@@ -104,8 +111,9 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
                 const float x = u + width * .5f, y = v + height * .5f;
                 if (x < 0 || y < 0 || x >= width || y >= height) continue;
                 if (z > depth[int64_t(y) * width + int64_t(x)] + tolerance)
-                    occluded[(int64_t(i) * ny + j) * nz + k] = 1;
+                    occluded[(i * ny + j) * nz + k] = 1;
             }
+    });
 }
 
 } // namespace pwr

@@ -16,7 +16,7 @@ class ScanField {
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
-              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow);
+              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, int threads);
 
     // Cell of a position, -1 outside of the grid.
     int64_t cell_at(Vec p) const {
@@ -36,8 +36,8 @@ class ScanField {
     Vec sensor;
 
   private:
-    void splat(float truncation);
-    void mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance);
+    void splat(float truncation, int threads);
+    void mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads);
 
     float cell, inverse;
     Vec origin;
