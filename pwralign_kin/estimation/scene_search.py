@@ -44,7 +44,9 @@ class SceneSearchOptions:
     kept_by_coverage: int = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
     leaders: int = 3
-    """Distinct configurations, those that explain most, that are repaired a little before all are compared."""
+    """Distinct configurations, those that explain most, that are repaired a little before all are compared, ..."""
+    more_leaders: int = 6
+    """... and in further searches."""
     rounds: int = 2
     """Rounds of repair that each of them gets."""
     focus: float = 0.35
@@ -107,12 +109,12 @@ def _improved(
     explains more.
     """
     by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
-    leaders = search.distinct(by_coverage, options.leaders + len(earlier), search.options.distinct)
+    leaders = search.distinct(by_coverage, options.more_leaders + len(earlier), search.options.distinct)
     if is_convincing(search, leaders.take([0]), options):
         return
     short = replace(repairing, rounds=options.rounds, solutions=1)
     new = [rank for rank in range(len(leaders)) if _is_new(search, leaders.take([rank]), earlier)]
-    for rank in new[: options.leaders]:
+    for rank in new[: options.more_leaders if earlier else options.leaders]:
         leader = leaders.take([rank])
         focused = search.about(leader, options.focus)
         improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
