@@ -180,18 +180,18 @@ class AnswerSearch:
             if is_convincing(self.search, best.take([0]), options):
                 break
         with self.watch.stage("repair"):
-            return self._repaired_in_places(best)
+            return self._repaired_one_by_one(best)
 
-    def _repaired_in_places(self, candidates: Candidates) -> Candidates:
-        """Repair the best candidates of a scene, and the best that are elsewhere, where they are."""
+    def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
+        """Repair the best candidates of a scene, each with what is about it, until one is convincing."""
         search, options = self.search, self.options.scene_search
         left, several = self._distinct([candidates]), []
-        for _ in range(options.places):
+        for _ in range(options.finalists):
             focused = search.about(left.take([0]), options.focus)
             solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
             several.append(search.scored(solutions)[0].best_first())
             best = several[-1].take([0])
-            left = left.take(elsewhere(search, left, best, options.focus))
+            left = left.take(elsewhere(search, left, best, options.apart))
             if len(left) == 0 or self._is_convincing(best):
                 break
         return self._distinct(several)

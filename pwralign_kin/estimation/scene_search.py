@@ -51,8 +51,10 @@ class SceneSearchOptions:
     """Rounds of repair that each of them gets."""
     focus: float = 0.35
     """Points this near (model diagonals) to a configuration are looked at when it is repaired."""
-    places: int = 2
-    """Leaders whose surroundings are looked at in the end; one if it is convincing."""
+    finalists: int = 3
+    """Configurations that are repaired in the end, until one is convincing, ..."""
+    apart: float = 0.1
+    """... their surfaces farther than this from each other: votes and sweeps are only for the best of a repair."""
 
 
 def search_regions(
