@@ -12,7 +12,7 @@ from pwralign_kin.estimation.correspondences import Correspondences, oriented_pa
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
-from pwralign_kin.estimation.scene_search import is_convincing, search_regions
+from pwralign_kin.estimation.scene_search import elsewhere, is_convincing, search_regions
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -86,10 +86,11 @@ class AnswerSearch:
 
     def without_guess(self) -> Candidates:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits."""
+        if self.search.observation.scene:
+            return self._in_scene()
         several: list[Candidates] = []
-        for attempt in range(self._searches):
-            seed = self.options.seed + attempt
-            several.append(self._in_scene(seed) if self.search.observation.scene else self._once(seed))
+        for attempt in range(self.effort.searches):
+            several.append(self._once(self.options.seed + attempt))
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
@@ -107,7 +108,7 @@ class AnswerSearch:
                     return found[-1]
             refined = Candidates.concatenate(found)
         with self.watch.stage("repair"):
-            solutions = self._repaired(refined, turn=False)
+            solutions = self._repaired(search, refined, turn=False)
         # Things may touch the model in a scene.
         tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
         if search.unexplained(solutions.take([0])) > tolerated:
@@ -134,11 +135,6 @@ class AnswerSearch:
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
         return ranked(search, fine)
-
-    @property
-    def _searches(self) -> int:
-        """How often a scan is searched at most: in a scene, some of it is not of the model and hides the rest."""
-        return self.effort.searches + self.search.observation.scene * self.options.scene_search.more_attempts
 
     def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
         """Return whether another search would be in vain."""
@@ -174,23 +170,45 @@ class AnswerSearch:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
-            return self._repaired(refined, turn=True)
+            return self._repaired(search, refined, turn=True)
 
-    def _in_scene(self, seed: int) -> Candidates:
-        """Search a scene, region by region."""
-        with self.watch.stage("regions"):
-            found = search_regions(
-                self.search, self.options.scene_search, self.repairing, seed, self._outside(seed), self.near,
-                pairs="pairs" in self.options.sources,
-            )  # fmt: skip
-        if found is None:
-            raise self._nothing_placed
+    def _in_scene(self) -> Candidates:
+        """Search a scene, region by region, until an answer is convincing; repair what is best of all searches."""
+        options = self.options.scene_search
+        several: list[Candidates] = []
+        repaired: list[Candidates] = []
+        for attempt in range(self.effort.searches + options.more_attempts):
+            seed = self.options.seed + attempt
+            with self.watch.stage("regions"):
+                found = search_regions(
+                    self.search, options, self.repairing, seed, self._outside(seed), self.near,
+                    repaired, pairs="pairs" in self.options.sources,
+                )  # fmt: skip
+            if found is None:
+                raise self._nothing_placed
+            several.append(found)
+            best = Candidates.concatenate(several).best_first()
+            if is_convincing(self.search, best.take([0]), options):
+                break
         with self.watch.stage("repair"):
-            return self._repaired(found, turn=True)
+            return self._repaired_one_by_one(best)
 
-    def _repaired(self, candidates: Candidates, *, turn: bool) -> Candidates:
+    def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
+        """Repair the best candidates of a scene, each with what is about it, until one is convincing."""
+        search, options = self.search, self.options.scene_search
+        left, several = self._distinct([candidates]), []
+        for _ in range(options.finalists):
+            focused = search.about(left.take([0]), options.focus)
+            solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
+            several.append(search.scored(solutions)[0].best_first())
+            best = several[-1].take([0])
+            left = left.take(elsewhere(search, left, best, options.apart))
+            if len(left) == 0 or self._is_convincing(best):
+                break
+        return self._distinct(several)
+
+    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        search = self.search
         solutions = repair(search, candidates, self.repairing, turn=turn)
         if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
             # Wide beams take their time: they are for the few solutions that are nearly right.

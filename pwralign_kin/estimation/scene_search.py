@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import Float
-from pwralign_kin.estimation.repair import RepairOptions, repair_moves
+from pwralign_kin.estimation.repair import RepairOptions, repair
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -42,10 +43,18 @@ class SceneSearchOptions:
     """... so many of each region, ..."""
     kept_by_coverage: int = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
-    leaders: int = 5
-    """Regions whose best configuration is repaired once before the regions are compared."""
-    moves: int = 8
-    """Moves of each that are refined."""
+    leaders: int = 3
+    """Distinct configurations, those that explain most, that are repaired a little before all are compared, ..."""
+    more_leaders: int = 6
+    """... and in further searches."""
+    rounds: int = 2
+    """Rounds of repair that each of them gets."""
+    focus: float = 0.35
+    """Points this near (model diagonals) to a configuration are looked at when it is repaired."""
+    finalists: int = 3
+    """Configurations that are repaired in the end, until one is convincing, ..."""
+    apart: float = 0.1
+    """... their surfaces farther than this from each other: votes and sweeps are only for the best of a repair."""
 
 
 def search_regions(
@@ -55,12 +64,14 @@ def search_regions(
     seed: int,
     outside: Hypotheses,
     near: Float | None,
+    earlier: list[Candidates],
     *,
     pairs: bool,
 ) -> Candidates | None:
     """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
 
-    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped.
+    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped. What is like
+    one of the `earlier` configurations is not repaired again; those repaired now are added to them.
     """
     found = [
         _searched(search, options, hypotheses, share)
@@ -73,7 +84,7 @@ def search_regions(
         passing = [f.take(search.passes(f, near)) for f in found]
         found = [f for f in passing if len(f)] or found
     refined = search.scored(search.refined(_chosen(search, options, found)))[0]
-    return Candidates.concatenate([refined, *_improved(search, options, repairing, found, seed)])
+    return Candidates.concatenate([refined, *_improved(search, options, repairing, refined, earlier)])
 
 
 def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
@@ -82,24 +93,41 @@ def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candida
     rank = np.concatenate([np.arange(len(f)) for f in found])
     firsts = np.flatnonzero(rank < options.kept_per_region)
     best = np.argsort(-together.scores, kind="stable")[: options.kept]
-    most = np.argsort(-search.coverage(together), kind="stable")[: options.kept_by_coverage]
+    coverage = search.coverage(together, search.options.sift_points)
+    most = np.argsort(-coverage, kind="stable")[: options.kept_by_coverage]
     return together.take(np.unique(np.concatenate([firsts, best, most])))
 
 
 def _improved(
-    search: TreeSearch, options: SceneSearchOptions, repairing: RepairOptions, found: list[Candidates], seed: int
+    search: TreeSearch,
+    options: SceneSearchOptions,
+    repairing: RepairOptions,
+    refined: Candidates,
+    earlier: list[Candidates],
 ) -> Iterator[Candidates]:
-    """Yield what one round of repair makes of the leaders of the regions that explain most.
+    """Yield what a little repair makes of the leaders, until one is convincing.
 
-    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them.
+    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but it
+    explains more.
     """
-    firsts = Candidates.concatenate([f.take(slice(1)) for f in found])
-    leaders = search.refined(firsts)
-    for leader in np.argsort(-search.coverage(leaders), kind="stable")[: options.leaders]:
-        moves = repair_moves(search, leaders.take([leader]), repairing, seed, foremost=True, turn=False)
-        if moves is not None:
-            moved = search.sifted(moves, options.moves)
-            yield search.scored(search.refined(moved, iterations=10))[0]
+    by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
+    leaders = search.distinct(by_coverage, options.more_leaders + len(earlier), search.options.distinct)
+    if is_convincing(search, leaders.take([0]), options):
+        return
+    short = replace(repairing, rounds=options.rounds, solutions=1)
+    new = [rank for rank in range(len(leaders)) if _is_new(search, leaders.take([rank]), earlier)]
+    for rank in new[: options.more_leaders if earlier else options.leaders]:
+        leader = leaders.take([rank])
+        focused = search.about(leader, options.focus)
+        improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
+        earlier += [leader, improved]
+        yield improved
+        if is_convincing(search, improved, options):
+            return
+
+
+def _is_new(search: TreeSearch, candidate: Candidates, earlier: list[Candidates]) -> bool:
+    return all(elsewhere(search, candidate, other, search.options.distinct).all() for other in earlier)
 
 
 def _sources(
@@ -121,10 +149,16 @@ def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypot
     """Return configurations grown from a share of the budget and refined a little, best first."""
     roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
     kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
-    return search.scored(search.refined(kept, iterations=options.iterations))[0].best_first()
+    return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
 
 
 def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:
     """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
     explained = float(search.coverage(candidate)[0]) * search.coverage_scale
     return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained
+
+
+def elsewhere(search: TreeSearch, candidates: Candidates, other: Candidates, distance: float) -> NDArray[np.bool_]:
+    """Return which candidates (m,) are farther than `distance` from another one, on average over the surface."""
+    positions, others = search.probe_positions(candidates), search.probe_positions(other)
+    return np.asarray(np.linalg.norm(positions - others, axis=-1).mean(axis=-1) > distance)

@@ -21,6 +21,10 @@ Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
 
+FOCUS_PROBES = 60
+"""Surface samples of each part that say what is near to a candidate."""
+
+
 @dataclass(frozen=True)
 class SearchOptions:
     """How many hypotheses are made and kept, and how they are grown and scored. Lengths in model diagonals."""
@@ -57,7 +61,9 @@ class SearchOptions:
     lacking: float = 0.6
     """A part that explains less than this, against the average of all parts, may be wrong."""
     scene_points: int = 4
-    """How many times as many points of a scene are used."""
+    """How many times as many points of a scene are used, ..."""
+    near_points: int = 2
+    """... and of what is near to one candidate."""
     sift_points: int = 800
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
@@ -97,8 +103,12 @@ class TreeSearch:
         options: SearchOptions,
         threads: int,
         known: SearchPrior | None = None,
+        searched: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Take the `kernels.Articulated` model with its limits, the `neutral` values (k,) of unseen joints, a prior."""
+        """Take the `kernels.Articulated` model with its limits, the `neutral` values (k,) of unseen joints, a prior.
+
+        Only scan points that are `searched` (m,) are looked at; without it those of any region.
+        """
         self.model = model
         self.observation = observation
         self.options = options
@@ -109,7 +119,7 @@ class TreeSearch:
         self.weights = part_weights(surfaces)
         self.surfaces = surfaces
         self.parent = model.parent
-        self.searched = observation.regions >= 0
+        self.searched = observation.regions >= 0 if searched is None else searched
         native = kernels.SearchOptions()
         native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
         native.coverage_distance = options.coverage_distance
@@ -129,14 +139,16 @@ class TreeSearch:
         self.native = kernels.Search(model, observation.field, native, neutral)
         self.known = known or SearchPrior.nothing(neutral)
         self.known.tell(self.native)
+        if searched is not None:
+            self.native.look_first(searched.astype(np.uint8))
 
     def _coverage_scale(self, area: float) -> float:
         """Return by how much coverage must be scaled up because the scan holds more than the model."""
         share = self._usual_share
         if self.observation.scene:
             # Little of the model may be seen: what it explains is measured by what it usually shows.
-            searched = float(self.observation.areas[self.searched].sum())
-            return searched / min(area * share, searched)
+            areas, regions = self.observation.areas, self.observation.regions
+            return float(areas[self.searched].sum()) / min(area * share, float(areas[regions >= 0].sum()))
         count = len(self.observation.points)
         expected = max(area * share / self.observation.area_per_point, 0.05 * count)
         return count / min(count, expected)
@@ -150,7 +162,24 @@ class TreeSearch:
         """Return the same search with the wide beams."""
         o = self.options
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
-        return TreeSearch(self.model, self.surfaces, self.observation, self.neutral, wide, self.threads, self.known)
+        return self._with(wide, self.searched)
+
+    def about(self, candidate: Candidates, reach: float) -> TreeSearch:
+        """Return the same search of only those points of a scene that are within `reach` of one candidate.
+
+        Samples of the whole scene hold few points of thin parts.
+        """
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(self.probe_positions(candidate, FOCUS_PROBES)[0])
+        near = np.isfinite(tree.query(self.observation.points, distance_upper_bound=reach)[0])
+        fewer = replace(self.options, scene_points=self.options.near_points)
+        return self._with(fewer, self.searched & near)
+
+    def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
+        return TreeSearch(
+            self.model, self.surfaces, self.observation, self.neutral, options, self.threads, self.known, searched
+        )
 
     def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
@@ -279,9 +308,9 @@ class TreeSearch:
         """Return the two-way score of each candidate, and the weighted share of the scan that it explains."""
         return self._score(candidates, self.options.coverage_distance)[:2]
 
-    def coverage(self, candidates: Candidates) -> Float:
-        """Return the weighted share of the scan that each candidate explains."""
-        return self.weighed(candidates)[1]
+    def coverage(self, candidates: Candidates, points: int | None = None) -> Float:
+        """Return the weighted share of the scan that each candidate explains; by a sample of `points` about it."""
+        return self._score(candidates, self.options.coverage_distance, points)[1]
 
     def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
         points = self._spread(points) if points else int(self.searched.sum())

@@ -285,6 +285,10 @@ void bind_search(nb::module_ &m) {
             if (region.size()) std::copy_n(region.data(), 3, base.region.emplace().low), std::copy_n(region.data() + 3, 3, base.region->high), base.region->deviation = region_deviation;
             self.prior = Prior(self.model, base, {values.data(), values.data() + k}, {inverse_deviations.data(), inverse_deviations.data() + k});
         }, "position"_a, "position_deviation"_a, "turn"_a, "turn_deviation"_a, "up"_a, "up_deviation"_a, "region"_a, "region_deviation"_a, "values"_a, "inverse_deviations"_a)
+        .def("look_first", [](Search &self, Bytes marked) {
+            require(marked.shape(0) == self.field.points.size(), "one mark per scan point is needed");
+            self.look_first({marked.data(), marked.data() + marked.shape(0)});
+        }, "marked"_a)
         .def("base_prior", [](const Search &self, Placements base) {
             require(base.shape(0) == 1, "one base is needed");
             std::vector<double> H(36, 0.), g(6, 0.);

@@ -87,6 +87,9 @@ class Search {
   public:
     Search(const Articulated &model, const ScanField &field, SearchOptions options, std::vector<double> neutral);
 
+    // Let samples of scan points begin with those marked, in the order that they have.
+    void look_first(const std::vector<uint8_t> &marked);
+
     // RANSAC with minimal samples of two oriented points, the first being one of `anchors`, for each of `parts` among
     // its own `points`; the best `keep` distinct poses each. The score counts all scan points by their weight.
     std::vector<Hypothesis> part_hypotheses(const std::vector<int> &parts, const std::vector<std::vector<int>> &points,

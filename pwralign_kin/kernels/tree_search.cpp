@@ -39,6 +39,10 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return field.region[k] >= 0; });
 }
 
+void Search::look_first(const std::vector<uint8_t> &marked) {
+    std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return marked[k]; });
+}
+
 bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
     if (model.surface[node].exists && part_weights[node] > 0) return true;
     for (const Edge &e : edges[node])

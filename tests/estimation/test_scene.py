@@ -11,9 +11,13 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.estimation import Correspondences
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
+from pwralign_kin.estimation.repair import RepairOptions
+from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene_search import SceneSearchOptions, search_regions
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
@@ -33,8 +37,21 @@ def scene(excavator: pk.ArticulatedModel) -> SimulatedScan:
     return simulate_scene(excavator, room=Room(contacts=1), seed=14)
 
 
-def observed(model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, np.ndarray] = EVERYWHERE) -> Observation:
-    return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), 2)
+def observed(
+    model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, np.ndarray] = EVERYWHERE, threads: int = 2
+) -> Observation:
+    return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), threads)
+
+
+def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
+    return TreeSearch(model.kernel_model, model.surfaces, ready, model.values({}), SearchOptions(), 2)
+
+
+def true_and_moved(model: pk.ArticulatedModel, made: SimulatedScan, ready: Observation) -> Candidates:
+    """Return the truth and, beside it, the same 0.1 diagonals aside."""
+    bases = np.tile(ready.to_search(model.root_placement(made.state)), (2, 1, 1))
+    bases[1, 0, 3] += 0.1
+    return Candidates(bases, np.tile(model.values(made.state.joints), (2, 1)), np.zeros(2, np.float32))
 
 
 def searched_points(ready: Observation) -> np.ndarray:
@@ -88,6 +105,44 @@ def test_only_the_box_is_searched(excavator: pk.ArticulatedModel, scene: Simulat
     assert ((searched > low - margin) & (searched < high + margin)).all()
     with pytest.raises(ScanError, match="what is to be searched"):
         observed(excavator, scene.scan, (low + 100.0, high + 100.0))
+
+
+def test_the_field_of_a_scene_does_not_depend_on_the_threads(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    several = [observed(excavator, scene.scan, threads=threads) for threads in (1, 3)]
+    scores = [
+        searching(excavator, ready).scored(true_and_moved(excavator, scene, ready))[0].scores for ready in several
+    ]
+    assert np.array_equal(*scores)
+
+
+def test_scores_about_a_configuration_are_those_of_the_whole_scene(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search, candidates = searching(excavator, ready), true_and_moved(excavator, scene, ready)
+
+    about = search.about(candidates.take([0]), 0.2)
+
+    assert about.searched.sum() < 0.8 * search.searched.sum()
+    assert not (about.searched & ~search.searched).any()
+    assert about.scored(candidates)[0].scores == pytest.approx(search.scored(candidates)[0].scores, abs=0.02)
+    assert about.unexplained(candidates.take([0])) == pytest.approx(search.unexplained(candidates.take([0])))
+
+
+def test_another_search_repairs_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    search = searching(excavator, observed(excavator, scene.scan))
+    few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=2, more_leaders=2, rounds=1)
+    never = replace(few, convincing=np.inf)
+    earlier: list[Candidates] = []
+
+    for _ in range(2):
+        search_regions(search, never, RepairOptions(), 0, Hypotheses.nothing(), None, earlier, pairs=True)
+
+    started = Candidates.concatenate(earlier[::2])
+    assert len(started) == 4
+    assert len(search.distinct(started, 4, search.options.distinct)) == 4
 
 
 def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
