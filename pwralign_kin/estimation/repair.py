@@ -33,8 +33,11 @@ class RepairOptions:
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
     """Regrown configurations kept per move."""
-    refined: int = 16
+    refined: int = 8
     """Moves per solution that are refined, ..."""
+    varied: int = 8
+    """... and others that change whole limbs: before it is refined, a limb brought to its place scores less than the
+    many moves that change next to nothing, ..."""
     hopeful: float = 0.08
     """... if they score, before that, no worse than the best solution by more than this."""
     turned_parts: int = 3
@@ -65,7 +68,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             done.add(key)
             tried = repair_moves(search, solution, options, round_, foremost=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
-                moved.append(search.sifted(tried, options.refined))
+                moved.append(search.sifted(tried, options.refined, options.varied))
         if not moved:
             break
         moves = Candidates.concatenate(moved)

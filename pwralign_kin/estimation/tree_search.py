@@ -259,11 +259,18 @@ class TreeSearch:
         total, _, support = self._score(candidates, distance or self.options.coverage_distance)
         return Candidates(candidates.bases, candidates.values, total), support
 
-    def sifted(self, candidates: Candidates, count: int) -> Candidates:
-        """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first."""
+    def sifted(self, candidates: Candidates, count: int, varied: int = 0) -> Candidates:
+        """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first.
+
+        At most `varied` others follow, the best that differ from the first and from each other in whole limbs.
+        """
         total, _, _ = self._score(candidates, self.options.coverage_distance, self.options.sift_points)
-        best = Candidates(candidates.bases, candidates.values, total).best_first().take(slice(4 * count))
-        return self.distinct(best, count, self.options.alike)
+        ordered = Candidates(candidates.bases, candidates.values, total).best_first()
+        best = self.distinct(ordered.take(slice(4 * count)), count, self.options.alike)
+        if varied == 0:
+            return best
+        others = self.distinct(ordered, varied + 1, self.options.distinct)
+        return self.distinct(Candidates.concatenate([best, others]), count + varied, self.options.alike)
 
     def coverage(self, candidates: Candidates) -> Float:
         """Return the weighted share of the scan that each candidate explains."""
