@@ -339,6 +339,12 @@ class TreeSearch:
             distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
+    def violated(self, candidate: Candidates) -> float:
+        """Return the share of the surface of one candidate that a single view contradicts; 0 for other scans."""
+        if not self.observation.single_view:
+            return 0.0
+        return -float(self.scored(candidate)[1][0] @ (self.weights * self.exists))
+
     def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
         """Return which of the candidates (m,) have surface near `point` (1, 3)."""
         distances = [self._distances(candidates.take([i]), point)[0] for i in range(len(candidates))]
