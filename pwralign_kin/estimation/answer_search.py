@@ -25,8 +25,6 @@ UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
-CONTRADICTED = 0.07
-"""Share of the model's surface in seen free space or before the scan above which a solution is searched on."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
@@ -144,7 +142,7 @@ class AnswerSearch:
             return is_convincing(self.search, best, self.options.scene_search)
         # A scan that holds more than the model leaves something unexplained however good the answer.
         lacking = float(self.search.weights[self.search.lacks(best)].sum())
-        if self.search.violated(best) > CONTRADICTED:
+        if self.search.is_contradicted(best):
             return False
         return lacking <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
 

@@ -75,6 +75,8 @@ class SearchOptions:
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
+    contradicted: float = 0.07
+    """Share of its surface that a single view may contradict of a right answer (true poses: 0.02 to 0.05)."""
     near: float = 0.0599
     """Points of a scene nearer than this should be of the model."""
     distinct: float = 0.03
@@ -339,11 +341,12 @@ class TreeSearch:
             distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
 
-    def violated(self, candidate: Candidates) -> float:
-        """Return the share of the surface of one candidate that a single view contradicts; 0 for other scans."""
+    def is_contradicted(self, candidate: Candidates) -> bool:
+        """Return whether a single view sees free space, or other surface, where one candidate has much of its own."""
         if not self.observation.single_view:
-            return 0.0
-        return -float(self.scored(candidate)[1][0] @ (self.weights * self.exists))
+            return False
+        support = self.scored(candidate)[1][0]
+        return -float(support @ (self.weights * self.exists)) > self.options.contradicted
 
     def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
         """Return which of the candidates (m,) have surface near `point` (1, 3)."""
