@@ -75,8 +75,9 @@ class SearchOptions:
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
-    contradicted: float = 0.07
-    """Share of its surface that a single view may contradict of a right answer (true poses: 0.02 to 0.05)."""
+    contradicted: float = 0.1
+    """Share of its surface that a single view may contradict of a right answer: 0.02 to 0.05 at true poses, 0.07 where
+    a real sensor bends surfaces."""
     near: float = 0.0599
     """Points of a scene nearer than this should be of the model."""
     distinct: float = 0.03
