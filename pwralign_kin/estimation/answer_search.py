@@ -149,6 +149,8 @@ class AnswerSearch:
             return is_convincing(self.search, best, self.options.scene_search)
         # A scan that holds more than the model leaves something unexplained however good the answer.
         lacking = float(self.search.weights[self.search.lacks(best)].sum())
+        if self.search.is_contradicted(best):
+            return False
         return lacking <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
 
     def _once(self, seed: int) -> Candidates:

@@ -33,8 +33,11 @@ class RepairOptions:
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
     """Regrown configurations kept per move."""
-    refined: int = 16
+    refined: int = 8
     """Moves per solution that are refined, ..."""
+    varied: int = 8
+    """... and others that change whole limbs: before it is refined, a limb brought to its place scores less than the
+    many moves that change next to nothing, ..."""
     hopeful: float = 0.08
     """... if they score, before that, no worse than the best solution by more than this."""
     turned_parts: int = 3
@@ -43,6 +46,8 @@ class RepairOptions:
     """Share of scan points far from the model below which nothing is missing."""
     explained: float = 0.002
     """... and below which only the best solution is repaired."""
+    much_unexplained: float = 0.1
+    """... and above which every solution has votes, not only the foremost: which one that is says little yet."""
     votes: VoteOptions = field(default_factory=VoteOptions)
 
 
@@ -65,16 +70,17 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
             done.add(key)
             tried = repair_moves(search, solution, options, round_, foremost=rank == 0, turn=turn and round_ == 0)
             if tried is not None:
-                moved.append(search.sifted(tried, options.refined))
+                moved.append(search.sifted(tried, options.refined, options.varied))
         if not moved:
             break
         moves = Candidates.concatenate(moved)
         moves = moves.take(moves.scores > solutions.scores[0] - options.hopeful * _scale(solutions))
         if len(moves) == 0:
             break
-        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
+        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right. Neither knows of free
+        # space, so that the move itself may be better than both.
         refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
-        found = search.scored(Candidates.concatenate(refined))[0]
+        found = search.scored(Candidates.concatenate([*refined, moves]))[0]
         in_vain = 0 if found.scores.max() > solutions.scores[0] + options.gain else in_vain + 1
         solutions = search.distinct(
             Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
@@ -120,7 +126,9 @@ def repair_moves(
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
-    if foremost and (missing or search.observation.scene):
+    if (foremost and (missing or search.observation.scene)) or (
+        unexplained > options.much_unexplained and not search.observation.scene
+    ):
         # In a scene what is near and unexplained may be of other things: one look at all that is doubtful.
         ways = (True,) if search.observation.scene else (False, True)
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]

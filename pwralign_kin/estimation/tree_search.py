@@ -83,6 +83,9 @@ class SearchOptions:
     coverage_distance: float = 0.03
     least_sigma: float = 0.005
     """Smallest robust scale of the refinement."""
+    contradicted: float = 0.1
+    """Share of its surface that a single view may contradict of a right answer: 0.02 to 0.05 at true poses, 0.07 where
+    a real sensor bends surfaces."""
     near: float = 0.0599
     """Points of a scene nearer than this should be of the model."""
     distinct: float = 0.03
@@ -298,11 +301,18 @@ class TreeSearch:
         total, _, support = self._score(candidates, distance or self.options.coverage_distance)
         return Candidates(candidates.bases, candidates.values, total), support
 
-    def sifted(self, candidates: Candidates, count: int) -> Candidates:
-        """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first."""
+    def sifted(self, candidates: Candidates, count: int, varied: int = 0) -> Candidates:
+        """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first.
+
+        At most `varied` others follow, the best that differ from the first and from each other in whole limbs.
+        """
         total, _, _ = self._score(candidates, self.options.coverage_distance, self.options.sift_points)
-        best = Candidates(candidates.bases, candidates.values, total).best_first().take(slice(4 * count))
-        return self.distinct(best, count, self.options.alike)
+        ordered = Candidates(candidates.bases, candidates.values, total).best_first()
+        best = self.distinct(ordered.take(slice(4 * count)), count, self.options.alike)
+        if varied == 0:
+            return best
+        others = self.distinct(ordered, varied + 1, self.options.distinct)
+        return self.distinct(Candidates.concatenate([best, others]), count + varied, self.options.alike)
 
     def weighed(self, candidates: Candidates) -> tuple[Float, Float]:
         """Return the two-way score of each candidate, and the weighted share of the scan that it explains."""
@@ -374,6 +384,13 @@ class TreeSearch:
             # Most of a scene is other things: only what is searched and near the model should be explained.
             distance = distance[self.searched & (distance < self.options.near)]
         return float(np.mean(distance > self.reach)) if len(distance) else 1.0
+
+    def is_contradicted(self, candidate: Candidates) -> bool:
+        """Return whether a single view sees free space, or other surface, where one candidate has much of its own."""
+        if not self.observation.single_view:
+            return False
+        support = self.scored(candidate)[1][0]
+        return -float(support @ (self.weights * self.exists)) > self.options.contradicted
 
     def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
         """Return which of the candidates (m,) have surface near `point` (1, 3)."""

@@ -168,6 +168,7 @@ class Search {
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, bool leads_somewhere,
                                     const Growth &growth) const;
+    std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
     bool leads_to_surface(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;

@@ -159,6 +159,29 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     return next;
 }
 
+// The best `count` states (given best first) that place `node` differently, filled up with the best of the others.
+std::vector<Search::Partial> Search::unlike(std::vector<Partial> states, int node, int count) const {
+    if (int(states.size()) <= count) return states;
+    constexpr double apart = .04, arm = .1;
+    const Surface &s = model.surface[node];
+    const int probes = s.count(8);
+    auto displacement = [&](const Rigid &A, const Rigid &B) {
+        const RigidF a = to_float(A), b = to_float(B);
+        if (!s.exists) return double(norm(apply(a, {arm, arm, arm}) - apply(b, {arm, arm, arm})));
+        double sum = 0;
+        for (int i = 0; i < probes; ++i) sum += norm(apply(a, s.p[i]) - apply(b, s.p[i]));
+        return sum / probes;
+    };
+    std::vector<Partial> kept, others;
+    for (Partial &state : states) {
+        bool is_new = int(kept.size()) < count;
+        for (const Partial &other : kept) is_new = is_new && displacement(state.T[node], other.T[node]) > apart;
+        (is_new ? kept : others).push_back(std::move(state));
+    }
+    for (size_t i = 0; int(kept.size()) < count; ++i) kept.push_back(std::move(others[i]));
+    return kept;
+}
+
 // Beam search away from `previous`. Along a chain the beam is carried on; at a branching every branch grows on its own
 // from each of the few best states, so that the branches do not multiply.
 std::vector<Search::Partial> Search::grow_from(Partial start, int node, int previous, int only, int keep,
@@ -170,7 +193,7 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             if (e.to != previous && (only < 0 || e.to == only)) onward.push_back(e);
         if (onward.empty()) break;
         if (onward.size() > 1) {
-            if (int(states.size()) > options.branch_beam) states.resize(options.branch_beam);
+            states = unlike(std::move(states), node, options.branch_beam);
             for (Partial &state : states)
                 for (const Edge &e : onward) state = grow_from(state, node, previous, e.to, 1, growth).front();
             sort_by_score(states);

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
-from pwralign_kin.estimation.scene import SceneOptions, is_scene, model_reach, observe_scene
+from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
 from pwralign_kin.estimation.scene_search import SceneSearchOptions, search_regions
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError

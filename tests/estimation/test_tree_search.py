@@ -1,0 +1,63 @@
+"""The search: which of many configurations are worth refining, which states grow on, and what a view contradicts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.observation import ObservationOptions, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.simulation import SimulatedScan
+
+NONE = np.zeros(1, np.float32)
+
+
+def true_candidate(
+    model: pk.ArticulatedModel, search: TreeSearch, made: SimulatedScan, units: np.ndarray
+) -> Candidates:
+    base = search.observation.to_search(made.state.T_scan_base)
+    return Candidates(base[None], (model.values(made.state.joints) / units)[None], NONE)
+
+
+@pytest.fixture(scope="module")
+def right(arm: pk.ArticulatedModel, full_scan: SimulatedScan, search: TreeSearch, units: np.ndarray) -> Candidates:
+    return true_candidate(arm, search, full_scan, units)
+
+
+def test_a_moved_limb_is_not_crowded_out_by_near_copies(search: TreeSearch, right: Candidates) -> None:
+    rng = np.random.default_rng(0)
+    copies = np.repeat(right.values, 200, axis=0) + rng.normal(0, 0.02, (200, right.values.shape[1]))
+    moved = right.values.copy()
+    moved[0, 0] *= -1.0
+    values = np.concatenate([copies, moved])
+    many = Candidates(np.repeat(right.bases, len(values), axis=0), values, np.zeros(len(values), np.float32))
+
+    def has_moved(kept: Candidates) -> bool:
+        return bool((np.abs(kept.values - moved) < 1e-12).all(axis=1).any())
+
+    assert not has_moved(search.sifted(many, 8))
+    kept = search.sifted(many, 4, varied=4)
+    assert has_moved(kept)
+    assert len(kept) <= 8
+    assert (np.diff(kept.scores) <= 0).all()
+
+
+def test_a_view_contradicts_surface_in_free_space(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
+    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    true = true_candidate(arm, search, single_scan, units)
+    assert not search.is_contradicted(true)
+    sensor = observation.scaled(np.asarray(single_scan.scan.sensor_origin, float).reshape(1, 3))[0]
+    nearer = true.bases.copy()
+    nearer[0, :3, 3] += 0.3 * (sensor - nearer[0, :3, 3]) / np.linalg.norm(sensor - nearer[0, :3, 3])
+    assert search.is_contradicted(Candidates(nearer, true.values, NONE))
+
+
+def test_views_from_all_sides_contradict_nothing(search: TreeSearch, right: Candidates) -> None:
+    away = right.bases.copy()
+    away[0, 0, 3] += 0.3
+    assert not search.is_contradicted(Candidates(away, right.values, NONE))
