@@ -106,8 +106,10 @@ def tables(measured: Mapping[str, Sequence[Cost]]) -> str:
             ]
             for own in costs
         ]  # fmt: skip
-        slopes = [figure(slope(costs, stage)) for stage in stages]
-        texts.append(markdown(heads, [*lines, ["slope", *slopes, "", figure(slope(costs, None))]]))
+        for label, own in (("slope", costs), ("slope, upper half", costs[len(costs) // 2 :])):
+            slopes = [figure(slope(own, stage)) for stage in stages]
+            lines.append([label, *slopes, "", figure(slope(own, None))])
+        texts.append(markdown(heads, lines))
     return "\n".join([*texts, *_large_scan(measured.get("points", ()))])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pwralign_kin import se3
+from pwralign_kin.baselines import coherent_point_drift, non_rigid_icp
 from pwralign_kin.model import ArticulatedModel
 
 Body = tuple[se3.Array, np.ndarray]
@@ -56,3 +57,10 @@ def arm(tmp_path_factory: pytest.TempPathFactory, turning_arm: str) -> Articulat
     path = tmp_path_factory.mktemp("arm") / "arm.urdf"
     path.write_text(turning_arm)
     return ArticulatedModel.from_urdf(path)
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer samples and triangles than in the comparison, which take as many times longer."""
+    monkeypatch.setattr(coherent_point_drift, "SAMPLES", 300)
+    monkeypatch.setattr(non_rigid_icp, "TRIANGLES", 800)

@@ -33,7 +33,7 @@ def test_slope_and_the_large_scan() -> None:
     assert cost.slope(costs, "cleaning") == pytest.approx(1.0)
     assert cost.slope(costs, "search") == pytest.approx(0.5)
     text = cost.tables({"points": costs})
-    assert "| slope | 1.00 | 0.50 | 0.50 |" in text
+    assert "| slope | 1.00 | 0.50 | 0.50 |" in text and "| slope, upper half | 1.00 | 0.50 | 0.50 |" in text
     assert "7.07 times" in text
     assert cost.pictures({"points": costs})["cost_points.png"].startswith(b"\x89PNG")
 
