@@ -47,7 +47,7 @@ class Effort:
     searches: int
     """Searches with other samples, at most: ..."""
     until_agreed: bool
-    """... until two agree, or else until one is convincing."""
+    """... until two agree, or else (and in a scene) until one is convincing."""
     repairs: int
     """Rounds of repair, at most."""
     wide_beams: bool

@@ -19,7 +19,7 @@ class SceneSearchOptions:
     """How much is tried in every region."""
 
     more_attempts: int = 1
-    """Searches at most, beyond those of any scan: one where its answer is convincing, two where they agree."""
+    """Searches at most, beyond those of any scan, until an answer is convincing."""
     convincing: float = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2
