@@ -22,7 +22,9 @@ Float = NDArray[np.float32]
 NEIGHBOURS = np.array([6, 7, 8, 10, 12])
 """Counts of neighbours that noise is measured with; twice as many where the fewest lie in a blob, ..."""
 FLAT = 1.9
-"""... not this much wider (rms) than thick: noise that hides the surface in it is noise of twice the reach."""
+"""... not this much wider (rms) than thick, and then half of the points, ..."""
+FEWEST = 2000
+"""... down to this many: noise that hides the surface from the nearest neighbours reaches further than they do."""
 LEAST_POINTS = 20
 """Occupied cells of the downsampling below which a scan cannot be of the model."""
 MOST_EXTENT = 1000.0
@@ -223,12 +225,17 @@ def noise_of(points: Float, threads: int) -> float:
     most = int(2 * NEIGHBOURS.max())
     if len(points) < most:
         return 0.0
-    chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
-    near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
-    across, along = _variances(near, NEIGHBOURS)
-    if along[0] > FLAT**2 * across[0]:
-        return _without_curvature(NEIGHBOURS, across)
-    return _without_curvature(2 * NEIGHBOURS, _variances(near, 2 * NEIGHBOURS)[0])
+    while True:
+        chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
+        near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
+        for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
+            across, along = _variances(near, counts)
+            if along[0] > FLAT**2 * across[0]:
+                return _without_curvature(counts, across)
+        if len(points) < 2 * FEWEST:
+            return _without_curvature(counts, across)
+        # Where the nearest neighbours lie within the noise, fewer points show the surface.
+        points = at_most(points, len(points) // 2)
 
 
 def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
