@@ -56,7 +56,7 @@ class Effort:
 
 EFFORTS = {
     "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
-    "default": Effort(searches=1, until_agreed=False, repairs=10, wide_beams=True),
+    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
     "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
 }
 """What the names of `EstimatorOptions.effort` stand for."""
