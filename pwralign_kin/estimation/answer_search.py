@@ -56,7 +56,7 @@ class Effort:
 
 EFFORTS = {
     "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
-    "default": Effort(searches=1, until_agreed=False, repairs=10, wide_beams=True),
+    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
     "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
 }
 """What the names of `EstimatorOptions.effort` stand for."""
@@ -141,17 +141,26 @@ class AnswerSearch:
         as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
         if as_good > 1:
             return True
-        return not self.effort.until_agreed and self._is_convincing(best.take([0]))
+        return not self.effort.until_agreed and self._is_convincing(best.take([0])) and self._is_close(best.take([0]))
 
     def _is_convincing(self, best: Candidates) -> bool:
         """Return whether an answer leaves little unexplained that parts of it lack."""
         if self.search.observation.scene:
             return is_convincing(self.search, best, self.options.scene_search)
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        lacking = float(self.search.weights[self.search.lacks(best)].sum())
         if self.search.is_contradicted(best):
             return False
-        return lacking <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
+        return self._lacking(best) <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
+
+    def _lacking(self, best: Candidates) -> float:
+        """Return the share of the model's surface in parts that explain too little."""
+        return float(self.search.weights[self.search.lacks(best)].sum())
+
+    def _is_close(self, best: Candidates) -> bool:
+        """Return whether an answer that lacks parts lies as close to the scan as a right one would."""
+        if self.search.observation.scene or self._lacking(best) <= WORTH_WIDE_BEAMS:
+            return True
+        return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
     def _once(self, seed: int) -> Candidates:
         """Search a scan of the model."""
@@ -247,7 +256,7 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
     distance, owner = search.owners(candidate, search.exists)
     if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
         return False
-    off = distance > PLAIN_REACH + 3.0 * search.observation.noise
+    off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
     if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
@@ -256,6 +265,11 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
     if search.poorly_supported(support).any():
         return False
     return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+
+
+def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which of the distances of scan points from the model are beyond what noise explains."""
+    return np.asarray(distance > PLAIN_REACH + 3.0 * search.observation.noise)
 
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:

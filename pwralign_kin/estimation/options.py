@@ -26,7 +26,8 @@ class EstimatorOptions:
     """The same seed gives the same answer, bit for bit, at any number of threads."""
     effort: EffortName = "default"
     """How long answers are looked for: with little repair ("fast"), with wide beams besides where much of the scan
-    stays unexplained ("default"), or from other samples again until two searches agree ("thorough")."""
+    stays unexplained and one more search where the first is not convincing ("default"), or from other samples again
+    until two searches agree ("thorough")."""
     threads: int = 0
     """Threads of the compiled kernels; 0 = one per core."""
     locked: tuple[str, ...] = ()

@@ -74,7 +74,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
         const SampleLanes at(field, s, T, i, count);
         const VecLanes view = field.sensor - at.place;
         const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
-        // Seen under more than an eighty-first degree: its cosine is above .15.
+        // The cosine between normal and view is above .15.
         const IntLanes shown = (at.seen > 0) & (at.seen * at.seen > .0225f * dot(view, view));
         const IntLanes tells = shown & ((dot(at.away, view) > 0) | (at.facing > .5f));
         const FloatLanes mismatch = tells ? options.mismatch_penalty * (1 - match) : FloatLanes{};
