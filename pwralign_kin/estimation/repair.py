@@ -77,10 +77,9 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
         moves = moves.take(moves.scores > solutions.scores[0] - options.hopeful * _scale(solutions))
         if len(moves) == 0:
             break
-        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right. Neither knows of free
-        # space, so that the move itself may be better than both.
+        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
         refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
-        found = search.scored(Candidates.concatenate([*refined, moves]))[0]
+        found = search.scored(Candidates.concatenate(refined))[0]
         in_vain = 0 if found.scores.max() > solutions.scores[0] + options.gain else in_vain + 1
         solutions = search.distinct(
             Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
