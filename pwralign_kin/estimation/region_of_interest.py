@@ -7,17 +7,30 @@ tree says more: the joints between the part and one that stays bound how far its
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.tree_search import Float, TreeSearch
 from pwralign_kin.se3 import Array
 
 
-def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]) -> tuple[Array, float]:
-    """Return the ball, centre (3,) and radius, that the first part of `way` cannot leave while the last one stays.
+@dataclass(frozen=True)
+class Ball:
+    """Where a part may be, in search units."""
+
+    centre: Array
+    radius: float
+
+    def holds(self, points: Float | Array, margin: float) -> NDArray[np.bool_]:
+        """Return which of the points (n, 3) are inside, or no farther outside than `margin`."""
+        return np.asarray(np.linalg.norm(points - self.centre, axis=1) < self.radius + margin, bool)
+
+
+def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]) -> Ball:
+    """Return the ball that the surface of the first part of `way` cannot leave while the last one stays.
 
     `way` names neighbours in the tree, `placements` (parts, 4, 4) the parts in the scan. The bound is the sum of the
     lengths between the joints on the way, of what slides, and of the farthest surface of the part.
@@ -28,7 +41,7 @@ def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]
     surface = search.surfaces[way[0]].samples @ T[:3, :3].T + T[:3, 3]
     reach = float(np.linalg.norm(surface - origins[0], axis=1).max())
     links = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
-    return origins[-1], reach + links + float(search.model.travel[joints].sum())
+    return Ball(origins[-1], reach + links + float(search.model.travel[joints].sum()))
 
 
 def path_between(parent: NDArray[np.int32], part: int, goal: int) -> list[int]:

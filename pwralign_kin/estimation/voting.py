@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.region_of_interest import path_between, region_of_interest
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.se3 import Array
 
 
 @dataclass(frozen=True)
@@ -69,16 +68,27 @@ def voted(
     ways = {part: path_between(search.parent, part, best) for part in wrong}
     anchors = {part: [node for node in way[1:] if right[node]][: options.anchors] for part, way in ways.items()}
     placements = search.part_placements(solution)[0]
-    regions = [_in_region(search, placements, way[: way.index(anchors[part][-1]) + 1]) for part, way in ways.items()]
+    regions = {
+        (part, anchor): region_of_interest(search, placements, way[: way.index(anchor) + 1])
+        for part, way in ways.items()
+        for anchor in anchors[part]
+    }
+    points = search.observation.points
+    widest = [regions[part, anchors[part][-1]] for part in wrong]
     found = search.part_hypotheses(
         np.array(wrong, np.int32),
-        [np.flatnonzero(unexplained & region) for region in regions],
+        [np.flatnonzero(unexplained & region.holds(points, search.reach)) for region in widest],
         options.scene_points if search.observation.scene else options.points,
         seed,
         options.placements,
         weights,
     )
-    tasks = [(row, anchor) for row, part in enumerate(found.parts) for anchor in anchors[int(part)]]
+    tasks = [
+        (row, anchor)
+        for row, (part, T) in enumerate(zip(found.parts, found.placements, strict=True))
+        for anchor in anchors[int(part)]
+        if regions[int(part), anchor].holds(search.surfaces[part].samples @ T[:3, :3].T + T[:3, 3], search.reach).all()
+    ]
     if not tasks:
         return None
     rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
@@ -101,10 +111,3 @@ def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> ND
         return search.searched
     distance = cKDTree(points[explained]).query(points, distance_upper_bound=reach)[0]
     return np.asarray(search.searched & np.isfinite(distance))
-
-
-def _in_region(search: TreeSearch, placements: Array, way: list[int]) -> NDArray[np.bool_]:
-    """Return which scan points (m,) the first part of `way` could come to while the last one stays."""
-    centre, radius = region_of_interest(search, placements, way)
-    distance = np.linalg.norm(search.observation.points - centre, axis=1)
-    return np.asarray(distance < radius + search.reach, bool)

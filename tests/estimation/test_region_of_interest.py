@@ -34,9 +34,9 @@ def test_no_configuration_takes_a_part_out_of_its_region(
     for part, anchor in permutations(range(len(arm.parts)), 2):
         way = path_between(search.parent, part, anchor)
         for now in placed[:10]:
-            centre, radius = region_of_interest(search, now, way)
-            within_anchor = np.linalg.inv(now[anchor]) @ np.append(centre, 1.0)
+            ball = region_of_interest(search, now, way)
+            within_anchor = np.linalg.inv(now[anchor]) @ np.append(ball.centre, 1.0)
             reached = farthest(search, placed, part, anchor, within_anchor[:3])
-            assert reached <= radius + 1e-6
-            fullness.append(reached / radius)
+            assert reached <= ball.radius + 1e-6
+            fullness.append(reached / ball.radius)
     assert np.median(fullness) > 0.6
