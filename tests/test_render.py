@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pwralign_kin.exceptions import StateError, UnknownNameError
-from pwralign_kin.model import ArticulatedModel, articulated_model
+from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import (
     PosedMesh,
     View,
@@ -36,10 +36,7 @@ FRONT = View(np.array([4.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.1]), np.array([0.0
 def model(tmp_path_factory: pytest.TempPathFactory) -> ArticulatedModel:
     path = tmp_path_factory.mktemp("robot") / "two.urdf"
     path.write_text(TWO_BOXES)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
-        patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
-        return ArticulatedModel.from_urdf(path)
+    return ArticulatedModel.from_urdf(path)
 
 
 def drawn(picture: np.ndarray) -> np.ndarray:

@@ -140,4 +140,5 @@ def read_quickly(path: Path) -> ArticulatedModel:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
         patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+        patch.setattr(articulated_model, "model_reach", lambda native, surfaces: 0.0)
         return ArticulatedModel.from_urdf(path)

@@ -37,6 +37,7 @@ def _without_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sampling surfaces takes longer than everything tested here."""
     monkeypatch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
     monkeypatch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+    monkeypatch.setattr(articulated_model, "model_reach", lambda native, surfaces: 0.0)
 
 
 @pytest.fixture
