@@ -22,7 +22,10 @@ REPORT = "BENCHMARKS.md"
 """The document that holds the figures, ..."""
 
 DOCUMENTS: Mapping[str, str] = MappingProxyType({"profile": "docs/profile.md"})
-"""... but for those of some tables. Writing figures does not make the tree dirty."""
+"""... but for those of some tables, ..."""
+
+PICTURES = "docs/*.png"
+"""... and its plots. Writing figures does not make the tree dirty."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,8 @@ def _commit(repository: Path) -> str:
         ).stdout.strip()
 
     try:
-        dirty = git("status", "--porcelain", "--", ".", f":!{REPORT}", *(f":!{path}" for path in DOCUMENTS.values()))
+        written = [REPORT, *DOCUMENTS.values(), PICTURES]
+        dirty = git("status", "--porcelain", "--", ".", *(f":!{path}" for path in written))
         return git("rev-parse", "--short", "HEAD") + ("-dirty" if dirty else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
