@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from pwralign_kin.benchmark.evidence import JointDoubt
+from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
 from pwralign_kin.estimation import confidence
@@ -160,13 +159,6 @@ def reliability_diagram(groups: Groups) -> bytes:
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return as_png(picture)
-
-
-def as_png(picture: Any) -> bytes:
-    """Return a matplotlib figure as a PNG that has no date in it."""
-    buffer = io.BytesIO()
-    picture.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def _wilson(right: Sequence[bool], z: float = 1.0) -> Array:

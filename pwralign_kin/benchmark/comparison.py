@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import openings, rigid_fit
-from pwralign_kin.benchmark.calibration import as_png
 from pwralign_kin.benchmark.metrics import FOUND
 from pwralign_kin.benchmark.peers import CONTENDERS, OURS, Placement, Task
+from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Cases, Progress
 from pwralign_kin.benchmark.table import NONE, figure, median, quantile, share
 from pwralign_kin.exceptions import DependencyError

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pwralign_kin.benchmark.calibration import as_png
 from pwralign_kin.benchmark.chains import chain, mesh_files
+from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import figure, markdown, median
 from pwralign_kin.dependencies import open3d

@@ -12,8 +12,8 @@ from types import MappingProxyType
 import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import part_wise_rigid
-from pwralign_kin.benchmark.calibration import as_png
 from pwralign_kin.benchmark.metrics import FOUND, Reference, Ruler
+from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Models, Progress
 from pwralign_kin.benchmark.table import figure, markdown, median, share
 from pwralign_kin.estimation import EstimatorOptions, estimate

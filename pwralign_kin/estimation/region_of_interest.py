@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.tree_search import Float, TreeSearch
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, transform
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,7 @@ def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]
     """
     joints = [one if search.parent[one] == other else other for one, other in pairwise(way)]
     origins = placements[joints, :3, 3]
-    T = placements[way[0]]
-    surface = search.surfaces[way[0]].samples @ T[:3, :3].T + T[:3, 3]
+    surface = transform(placements[way[0]], search.surfaces[way[0]].samples.astype(float))
     reach = float(np.linalg.norm(surface - origins[0], axis=1).max())
     links = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
     return Ball(origins[-1], reach + links + float(search.model.travel[joints].sum()))

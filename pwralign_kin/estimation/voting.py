@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.region_of_interest import path_between, region_of_interest
 from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import transform
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def voted(
         (row, anchor)
         for row, (part, T) in enumerate(zip(found.parts, found.placements, strict=True))
         for anchor in anchors[int(part)]
-        if regions[int(part), anchor].holds(search.surfaces[part].samples @ T[:3, :3].T + T[:3, 3], search.reach).all()
+        if regions[int(part), anchor].holds(transform(T, search.surfaces[part].samples), search.reach).all()
     ]
     if not tasks:
         return None
