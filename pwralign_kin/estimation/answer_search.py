@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.repair import repair
-from pwralign_kin.estimation.scene_search import elsewhere, is_convincing, search_regions
+from pwralign_kin.estimation.scene_search import is_convincing, search_regions, unlike
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -184,25 +185,33 @@ class AnswerSearch:
             return self._repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
-        """Search a scene, region by region, until an answer is convincing; repair what is best of all searches."""
+        """Search a scene, region by region, until an answer is convincing and remains so when it is repaired."""
         options = self.options.scene_search
         several: list[Candidates] = []
+        answers: list[Candidates] = []
         repaired: list[Candidates] = []
-        for attempt in range(self.effort.searches + options.more_attempts):
+        attempts = self.effort.searches + options.more_attempts
+        for attempt in range(attempts):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
                 found = search_regions(
-                    self.search, options, self.repairing, seed, self._outside(seed), self.near,
-                    repaired, pairs="pairs" in self.options.sources,
+                    self.search, options if attempt == 0 else options.scaled(options.further), self.repairing, seed,
+                    self._outside(seed), self.near, repaired, pairs="pairs" in self.options.sources,
                 )  # fmt: skip
             if found is None:
                 raise self._nothing_placed
             several.append(found)
-            best = Candidates.concatenate(several).best_first()
-            if is_convincing(self.search, best.take([0]), options):
+            left = unlike(self.search, Candidates.concatenate(several), answers, options.apart).best_first()
+            last = attempt == attempts - 1
+            if len(left) == 0 or not (last or is_convincing(self.search, left.take([0]), options)):
+                continue
+            with self.watch.stage("repair"):
+                answers.append(self._repaired_one_by_one(left))
+            repaired.append(answers[-1])
+            best = self._distinct(answers)
+            if confidence(gathered(self.search, best.take([0]), best)) >= options.confident:
                 break
-        with self.watch.stage("repair"):
-            return self._repaired_one_by_one(best)
+        return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
         """Repair the best candidates of a scene, each with what is about it, until one is convincing."""
@@ -213,7 +222,7 @@ class AnswerSearch:
             solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
             several.append(search.scored(solutions)[0].best_first())
             best = several[-1].take([0])
-            left = left.take(elsewhere(search, left, best, options.apart))
+            left = unlike(search, left, [best], options.apart)
             if len(left) == 0 or self._is_convincing(best):
                 break
         return self._distinct(several)
@@ -221,7 +230,9 @@ class AnswerSearch:
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
         solutions = repair(search, candidates, self.repairing, turn=turn)
-        if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
+        best = solutions.take([0])
+        right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
+        if self.effort.wide_beams and not right:
             # Wide beams take their time: they are for the few solutions that are nearly right.
             few = replace(self.repairing, early_rounds=0, patience=1)
             solutions = repair(search.widened(), solutions, few, turn=False)

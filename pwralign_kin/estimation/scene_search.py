@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import Float
@@ -24,11 +23,17 @@ class SceneSearchOptions:
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2
     """... and leaves no more than this of what is near it unexplained: things may touch it."""
+    confident: float = 0.5
+    """Confidence in a repaired answer from which on no further search is worth it."""
+    further: float = 4.0
+    """How many times as much is tried in every further search."""
     regions: int = 12
     """Regions searched, the largest."""
     anchors: int = 600
     """Scan points that hypotheses of each part start from, shared among the regions by the root of their area."""
     least_anchors: int = 60
+    more: float = 1.0
+    """How many times as many hypotheses of each part are kept as the search says."""
     roots: int = 400
     """Part hypotheses that are grown, shared alike."""
     least_roots: int = 8
@@ -55,6 +60,11 @@ class SceneSearchOptions:
     """Configurations that are repaired in the end, until one is convincing, ..."""
     apart: float = 0.1
     """... their surfaces farther than this from each other: votes and sweeps are only for the best of a repair."""
+
+    def scaled(self, factor: float) -> SceneSearchOptions:
+        """Return the same with `factor` times the budgets that the regions share."""
+        names = ("anchors", "least_anchors", "roots", "least_roots", "refined", "least_refined")
+        return replace(self, more=factor * self.more, **{name: round(factor * getattr(self, name)) for name in names})
 
 
 def search_regions(
@@ -112,22 +122,18 @@ def _improved(
     """
     by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
     leaders = search.distinct(by_coverage, options.more_leaders + len(earlier), search.options.distinct)
-    if is_convincing(search, leaders.take([0]), options):
-        return
     short = replace(repairing, rounds=options.rounds, solutions=1)
-    new = [rank for rank in range(len(leaders)) if _is_new(search, leaders.take([rank]), earlier)]
-    for rank in new[: options.more_leaders if earlier else options.leaders]:
-        leader = leaders.take([rank])
+    new = unlike(search, leaders, earlier, search.options.distinct)
+    for rank in range(min(len(new), options.more_leaders if earlier else options.leaders)):
+        leader = new.take([rank])
+        if is_convincing(search, leader, options):
+            return
         focused = search.about(leader, options.focus)
         improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
         earlier += [leader, improved]
         yield improved
         if is_convincing(search, improved, options):
             return
-
-
-def _is_new(search: TreeSearch, candidate: Candidates, earlier: list[Candidates]) -> bool:
-    return all(elsewhere(search, candidate, other, search.options.distinct).all() for other in earlier)
 
 
 def _sources(
@@ -142,7 +148,7 @@ def _sources(
     shares = np.sqrt(areas[: options.regions])
     for region, share in enumerate(shares / shares.sum()):
         anchors = max(options.least_anchors, int(share * options.anchors))
-        yield search.pair_hypotheses(seed, region, anchors), float(share)
+        yield search.pair_hypotheses(seed, region, anchors, options.more), float(share)
 
 
 def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Candidates:
@@ -158,7 +164,10 @@ def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearc
     return explained >= options.convincing and search.unexplained(candidate) <= options.unexplained
 
 
-def elsewhere(search: TreeSearch, candidates: Candidates, other: Candidates, distance: float) -> NDArray[np.bool_]:
-    """Return which candidates (m,) are farther than `distance` from another one, on average over the surface."""
-    positions, others = search.probe_positions(candidates), search.probe_positions(other)
-    return np.asarray(np.linalg.norm(positions - others, axis=-1).mean(axis=-1) > distance)
+def unlike(search: TreeSearch, candidates: Candidates, others: list[Candidates], distance: float) -> Candidates:
+    """Return those candidates that are farther than `distance` from all `others`, on average over the surface."""
+    positions = search.probe_positions(candidates)
+    new = np.ones(len(candidates), bool)
+    for other in search.probe_positions(Candidates.concatenate(others)) if others else ():
+        new &= np.linalg.norm(positions - other, axis=-1).mean(axis=-1) > distance
+    return candidates.take(new)

@@ -199,13 +199,16 @@ class TreeSearch:
         order = np.argsort(-self.areas * self.exists, kind="stable")
         return np.array([i for i in order[:count] if self.exists[i]], np.int32)
 
-    def pair_hypotheses(self, seed: int, region: int = 0, anchors: int = 400) -> Hypotheses:
-        """Return poses of the largest parts from oriented point pairs of one region, drawn about `anchors` points."""
+    def pair_hypotheses(self, seed: int, region: int = 0, anchors: int = 400, more: float = 1.0) -> Hypotheses:
+        """Return poses of the largest parts from oriented point pairs of one region, drawn about `anchors` points.
+
+        Of each part, `more` times as many as usual.
+        """
         o = self.options
         largest = self.largest_parts(o.root_parts + self.many * o.more_root_parts)
         points = np.flatnonzero(self.observation.regions == region)
         return self.part_hypotheses(
-            largest, [points] * len(largest), anchors, seed, self._per_part, self.observation.weights
+            largest, [points] * len(largest), anchors, seed, round(more * self._per_part), self.observation.weights
         )
 
     def part_hypotheses(
