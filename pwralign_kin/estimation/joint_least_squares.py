@@ -48,6 +48,8 @@ class LeastSquaresOptions:
     least_sigma: float = 0.005
     sigmas: float = 2.0
     """Robust scale in standard deviations of the scan's noise; at least `least_sigma` and the residuals' own."""
+    kernel_sigmas: float = 4.0
+    """Least scale of the robust kernel in the same: a narrower one throws much of what noisy points tell away."""
     support_weight: float = 0.05
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
@@ -208,9 +210,10 @@ class JointLeastSquares:
         full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
+        kernel_scale = max(sigma, self.options.kernel_sigmas * self.search.observation.noise)
         information, part_g, counts = self.search.native.normal_equations(
             np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
-            sigma, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
+            kernel_scale, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights, self.along_rays,
         )  # fmt: skip
         outline = self.outline(base @ placed, base[:3, 3])
