@@ -257,6 +257,7 @@ class Search:
         cap: float,
         support_weight: float,
         part_weights: NDArray[np.float32],
+        along_rays: bool,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
 
 class Tracking:

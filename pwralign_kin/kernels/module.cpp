@@ -444,7 +444,7 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
-        .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights) {
+        .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;
             require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
             std::vector<Rigid> T;
@@ -456,12 +456,12 @@ void bind_search(nb::module_ &m) {
             std::vector<int> counts;
             {
                 nb::gil_scoped_release release;
-                normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), counts);
+                normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), along_rays, counts);
             }
             std::vector<double> H, g;
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
-        }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a);
+        }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a, "along_rays"_a);
 }
 
 PinholeView read_view(const Matrix &K, double scale, const Placements &camera, size_t height, size_t width) {

@@ -1,4 +1,5 @@
 #include "search.hpp"
+#include <optional>
 
 namespace pwr {
 
@@ -11,9 +12,10 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
 }
 
 // Add scan points that are pulled by the nearest part, each of weight `share`: point to plane, Geman-McClure kernel of
-// scale `sigma`. `counts` may be null.
-void Search::pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T,
-                           float sigma, float cap, std::vector<Normal> &normal, int *counts) const {
+// scale `sigma`. With the surface `seen` those whose rays meet it are pulled by what they meet. `seen` and `counts` may be
+// null.
+void Search::pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
+                           float cap, const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const {
     const int n = model.parts;
     const float squared = sigma * sigma;
     // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
@@ -24,6 +26,17 @@ void Search::pull_to_model(const OrientedPoint *sampled, int points, float share
     const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
     const Assignment a = assign(&sampled[0].p, points, 2, T.data(), mask.data(), cap);
     for (int i = 0; i < points; ++i) {
+        const SeenSurface::Place met = seen ? seen->on_ray_to(sampled[i].p) : SeenSurface::Place{-1, -1};
+        if (met.part >= 0) {
+            const OrientedPoint &s = model.surface[met.part].dense[met.sample];
+            const Vec surface_normal = rotate(F[met.part], s.n), foot = apply(F[met.part], s.p);
+            const float residual = dot(sampled[i].p - foot, surface_normal);
+            if (std::abs(residual) > cap) continue;
+            if (counts) ++counts[met.part];
+            const float kernel = squared / (squared + residual * residual);
+            normal[met.part].add_plane(foot - centre, surface_normal, residual, kernel * kernel * share);
+            continue;
+        }
         const int p = a.part[i];
         if (p < 0) continue;
         if (counts) ++counts[p];
@@ -73,17 +86,23 @@ void Search::pull_to_scan(const std::vector<Rigid> &T, float sigma, float suppor
 
 std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
                                              float sigma, float cap, float support_weight, const float *part_weights,
-                                             std::vector<int> &counts) const {
+                                             bool along_rays, std::vector<int> &counts) const {
     // Pieces of a fixed size are added in their order, whichever thread makes them.
     constexpr int64_t piece = 1024;
     const int64_t count = int64_t(sampled.size()), pieces = (count + piece - 1) / piece;
     const int n = model.parts;
     std::vector<Normal> partial(pieces * n), normal(n);
     std::vector<int> counted(pieces * n, 0);
+    std::optional<SeenSurface> seen;
+    if (along_rays && field.has_origin) {
+        std::vector<RigidF> F(n);
+        for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+        seen.emplace(model, F, field.sensor);
+    }
     parallel_for(pieces, options.threads, [&](int64_t b) {
         std::vector<Normal> own(n);
         const int size = int(std::min(piece, count - b * piece));
-        pull_to_model(&sampled[b * piece], size, 1.f / count, T, sigma, cap, own, &counted[b * n]);
+        pull_to_model(&sampled[b * piece], size, 1.f / count, T, sigma, cap, seen ? &*seen : nullptr, own, &counted[b * n]);
         std::copy(own.begin(), own.end(), partial.begin() + b * n);
     });
     counts.assign(n, 0);
@@ -109,7 +128,8 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
         model.forward(c.base, c.values.data(), T.data());
         std::fill(normal.begin(), normal.end(), Normal());
-        pull_to_model(sampled.data(), int(sampled.size()), 1.f / sampled.size(), T, sigma, 3 * sigma + .005f, normal, nullptr);
+        pull_to_model(sampled.data(), int(sampled.size()), 1.f / sampled.size(), T, sigma, 3 * sigma + .005f, nullptr, normal,
+                      nullptr);
         if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
         for (Normal &part : normal) part.mirror();
         model.joint_twists(T.data(), T[0].t, twists.data());

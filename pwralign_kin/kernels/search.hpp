@@ -3,7 +3,8 @@
 #include "articulated.hpp"
 #include "parallel.hpp"
 #include "prior.hpp"
-#include "scan_field.hpp"
+#include "prior.hpp"
+#include "seen_surface.hpp"
 
 namespace pwr {
 
@@ -122,9 +123,10 @@ class Search {
     void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                 float sigma_last, float support_weight, const std::vector<float> &part_weights) const;
     // Normal equations of every part at given placements, from the given scan points; `counts` gets those of each part.
+    // With `along_rays` points are pulled to what the sensor sees on their rays, not to what is nearest.
     std::vector<Normal> normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
                                          float sigma, float cap, float support_weight, const float *part_weights,
-                                         std::vector<int> &counts) const;
+                                         bool along_rays, std::vector<int> &counts) const;
     Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
                       float cap) const;
     // Offer further parts to an assignment.
@@ -182,7 +184,7 @@ class Search {
     // What speaks against a configuration, whatever the scan.
     float cost(const Configuration &c, const std::vector<RigidF> &T) const;
     void pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
-                       float cap, std::vector<Normal> &normal, int *counts) const;
+                       float cap, const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const;
     void pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
                       std::vector<Normal> &normal) const;
     void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,

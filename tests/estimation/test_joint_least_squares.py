@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,9 @@ import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions
-from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.estimation.observation import ObservationOptions, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 SIGMA = 0.005
 
@@ -119,3 +122,24 @@ def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSear
     locked = solver(arm, search).with_locked(np.array([True, False, False]), start)
     assert locked.locked.tolist() == [True, False, False]
     assert locked.run(base, start).values[0] == pytest.approx(start[0], abs=1e-12)
+
+
+def test_noise_along_the_rays_does_not_pull_the_model_to_its_sensor(arm: pk.ArticulatedModel) -> None:
+    pulled = []
+    for seed in range(4):
+        sensor = replace(TIERS["single"], noise=0.012, points=4000)
+        scan = pk.simulate(arm, sensor=sensor, seed=seed)
+        observation = observe(scan.scan, arm.diagonal, ObservationOptions(), 1)
+        search = TreeSearch(
+            arm.kernel_model, arm.surfaces, observation, arm.values({}) / units(arm), SearchOptions(), 1
+        )
+        base, values = truth(arm, search, scan)
+        result = solver(arm, search).run(base, values)
+        assert observation.sensor_origin is not None
+        placed = search.probe_positions(
+            Candidates(np.stack([base, result.base]), np.stack([values, result.values]), np.zeros(2, np.float32))
+        )
+        rays = placed[0] - observation.sensor_origin
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        pulled.append(float(((placed[1] - placed[0]) * rays).sum(axis=1).mean()))
+    assert abs(np.mean(pulled)) < 0.0007
