@@ -32,6 +32,8 @@ LEAST_MASS = 0.005
 MOSTLY_SHARED = 3.0
 """Systematic residual, against the noise, from which errors are mostly shared by neighbouring points: 11 times in real
 frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
+ACROSS = 0.005
+"""Noise (model diagonals) from which it takes points across thin parts."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -169,7 +171,7 @@ class JointLeastSquares:
         seen = observation.single_view and not observation.scene
         # Noise takes points across thin parts, to whose far faces they are then nearer: counterparts are what the
         # sensor sees there. Errors that neighbours share bend the surface instead, and its normals tell what is where.
-        self.along_rays = seen and self.systematic < MOSTLY_SHARED * observation.noise
+        self.along_rays = seen and observation.noise > max(ACROSS, self.systematic / MOSTLY_SHARED)
         if not (self.options.silhouette and seen) or self.systematic == 0:
             return
         raw = observation.raw

@@ -3,7 +3,6 @@
 #include "articulated.hpp"
 #include "parallel.hpp"
 #include "prior.hpp"
-#include "prior.hpp"
 #include "seen_surface.hpp"
 
 namespace pwr {
