@@ -153,8 +153,11 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
     for index in range(1, 40):
         expected = motion.predicted(index / 30)
-        true = Motion(0.0, np.eye(4), np.zeros(2), twist, speeds, 0.0).predicted(index / 30)
-        motion = expected.corrected(true.T, true.values, np.ones(8), np.full(2, np.inf), motion)
+        true = replace(Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0), twist=twist, speeds=speeds).predicted(
+            index / 30
+        )
+        told = (1e-6 * np.eye(8), np.zeros(2, bool))
+        motion = expected.corrected(true.T, true.values, *told, np.full(2, np.inf), motion)
     np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
     np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
     ahead = motion.predicted(motion.time + 0.1)
