@@ -14,8 +14,8 @@ constexpr int judged_samples = 64;            // per part
 constexpr int swept_samples = 24;             // per part
 constexpr float matched_distance = .02f;      // a point nearer to the model is matched in the last iterations
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
-constexpr float sweep_step = .025f;           // what moves farthest moves this far from one value to the next
-constexpr int most_swept = 64;                // values to either side
+constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
+constexpr int most_swept = 48;                // values to either side
 constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
 constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
 constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
@@ -66,6 +66,7 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
     reduced.resize(size * size), stopped.resize(model.joints);
     explained.resize(model.parts), strays.resize(model.parts), visible.resize(model.parts), shown.resize(model.parts);
     moved.resize(model.parts), levers.resize(model.joints), moved_weight.resize(model.joints);
+    seen_below.resize(model.parts), moved_parts.resize(model.joints);
 }
 
 void Tracking::place(const Rigid &base, const double *values) {
@@ -292,7 +293,10 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             const float length = norm(along), aside = length - model.surface[p].slack;
             if (aside > 0) normal[p].add_plane(foot - about, (1 / length) * along, aside, w);
         }
-        for (Normal &part : normal) part.mirror();
+        for (int p = 0; p < model.parts; ++p) {
+            normal[p].mirror();
+            seen_below[p] = normal[p].H[21] + normal[p].H[28] + normal[p].H[35] > 0;
+        }
         std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
         model.joint_twists(T.data(), T[0].t, twists.data());
         model.compose(normal.data(), twists.data(), H.data(), step.data());
@@ -301,14 +305,16 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             for (int j = 0; j < 6; ++j) H[i * size + j] += normal[0].H[6 * i + j];
         }
         // Now each part has the equations of all that hangs on it; those of shifts sum up to the weights.
-        std::fill(levers.begin(), levers.end(), 0.), std::fill(moved_weight.begin(), moved_weight.end(), 0.);
-        for (int p = 1; p < model.parts; ++p) {
+        std::fill(moved_weight.begin(), moved_weight.end(), 0.), std::fill(moved_parts.begin(), moved_parts.end(), 0);
+        for (int p = model.parts - 1; p > 0; --p) {
             const double *own = normal[p].H;
-            if (model.actuated[p] != model.actuated[model.parent[p]] || model.parent[p] == 0)
-                moved_weight[model.actuated[p]] += own[21] + own[28] + own[35];
+            const int j = model.actuated[p], above = model.parent[p];
+            seen_below[above] += seen_below[p];
+            if (above == 0 || model.actuated[above] != j)
+                moved_weight[j] += own[21] + own[28] + own[35], moved_parts[j] += seen_below[p];
         }
         for (int j = 0; j < joints; ++j)
-            if (moved_weight[j] > 0) levers[j] = std::sqrt(H[(6 + j) * (size + 1)] / moved_weight[j]);
+            levers[j] = moved_weight[j] > 0 ? std::sqrt(H[(6 + j) * (size + 1)] * moved_parts[j] / moved_weight[j]) : 0;
         rotation_between(base.R, predicted.R, off.data());
         for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];
         for (int j = 0; j < joints; ++j) {
@@ -383,7 +389,7 @@ void Tracking::solve(const double *values, const uint8_t *held) {
 TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float tolerance) {
     place(base, values);
     TrackingJudgement out;
-    assign(thinner[0], close_distance);
+    assign(thinner[1], close_distance); // every other point: shares need no more
     if (tolerance <= 0) {
         ordered.clear();
         for (size_t i = 0; i < owner.size(); ++i)

@@ -98,7 +98,8 @@ class Tracking {
     const Articulated &model;
     std::vector<Vec> kept;                // the points of the frame that are used
     std::vector<double> information;      // (6 + joints)^2 of the last iteration of `fit`, the belief included
-    std::vector<double> levers;           // per joint, how far its surface moves along the normals for each unit (rms)
+    // Per joint, how far what is seen moves along its normals for each unit: root of the sum over parts of mean squares.
+    std::vector<double> levers;
     std::vector<float> explained, strays; // per part, points close to it that it explains and that it does not
     std::vector<float> visible, shown;    // per part, weight of its visible surface and of what the frame shows of that
 
@@ -132,6 +133,7 @@ class Tracking {
     enum : uint8_t { at_lower = 1, at_upper, still };
     std::vector<uint8_t> stopped; // joints that stand at a limit in one step, or are held
     std::vector<uint8_t> moved;   // parts that a sweep moves
+    std::vector<int> seen_below, moved_parts; // parts with points: each and all below it, those that a joint moves
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
     float margin = 0;

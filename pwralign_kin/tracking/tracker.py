@@ -85,11 +85,14 @@ SWEEP_ROUNDS, SWEPT_DEVIATIONS, LEAST_SWEPT = 2, 2.5, 0.4
 """Of the search about a suspected configuration: rounds over all variables, and the range of each, in its standard
 deviations and at least (rad; shifts a quarter of it)."""
 
+NEAR = 0.1
+"""Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
+
 BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
 
-MOST_DOUBT = 8
+MOST_DOUBT = 16
 """Frames between two searches about a suspected configuration that found nothing, at most; the wait doubles."""
 
 FORGETTING = 0.02
@@ -386,7 +389,8 @@ class Tracker:
 
     def _freed(self, fit: _Fit, expected: Motion, freed: NDArray[np.bool_], limit: float) -> _Fit:
         """Return the fit once joints that were held, and that the frame tells, are looked for and fitted too."""
-        ranges = np.where(np.r_[np.zeros(6, bool), freed], SWEPT_DEVIATIONS * expected.deviations, 0.0)
+        far = expected.deviations > NEAR
+        ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
         T, values, _ = self._sweep(fit.T, fit.values, ranges, 1)
         other = self._fitted(expected, limit, start=(T, values), held=expected.held & ~freed)
         return other if other.misfit <= fit.misfit + LEAST_GAIN else fit
