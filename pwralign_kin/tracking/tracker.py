@@ -17,7 +17,7 @@ from pwralign_kin.estimation import Estimate, estimate
 from pwralign_kin.exceptions import PwralignError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, rotation_angle
 from pwralign_kin.state import State
 from pwralign_kin.tracking import local_search
 from pwralign_kin.tracking.motion import LONGEST, Motion
@@ -42,8 +42,9 @@ DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
 is not seen; a lost model is found above the third."""
 
-CLEAR = 0.9
-"""Shares of the points and of the visible surface that are explained when a given start is taken without a search."""
+CLEAR, STAYED = 0.9, 0.05
+"""Shares of the points and of the visible surface that are explained when a given start is taken without a search; of
+the points close to the model only, if no variable moved by more than the second (rad or model diagonals)."""
 
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
@@ -181,11 +182,6 @@ class _Fit:
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
 
-    @property
-    def misfit(self) -> float:
-        """How much speaks against it."""
-        return 3.0 - self.coverage - self.agreement - self.support
-
 
 @dataclass(frozen=True)
 class _Usual:
@@ -211,9 +207,13 @@ class _Usual:
         )
 
     @property
-    def misfit(self) -> float:
-        """How much speaks against the model though it is found."""
-        return 3.0 - self.coverage - self.agreement - self.support
+    def alone(self) -> bool:
+        """Whether there is little but the model: else what it does not explain does not speak against it."""
+        return self.coverage >= CLEAR
+
+    def misfit(self, fit: _Fit | _Usual) -> float:
+        """Return how much speaks against a fit."""
+        return 2.0 - fit.agreement - fit.support + (1.0 - fit.coverage if self.alone else 0.0)
 
     @property
     def tolerance(self) -> float:
@@ -333,9 +333,17 @@ class Tracker:
         self._motion = motion
         self._look(frame, motion)
         fit = self._fitted(motion, np.inf, wide=True)
-        if min(fit.coverage, fit.support) >= CLEAR:
+        clear = fit.coverage >= CLEAR or (fit.agreement >= CLEAR and self._stayed(fit, motion))
+        if clear and fit.support >= CLEAR:
             self._usual = _Usual.of(fit, 1.0)
         return motion, fit
+
+    def _stayed(self, fit: _Fit, motion: Motion) -> bool:
+        """Return whether a fit is about where it started."""
+        turn = rotation_angle(fit.T[:3, :3] @ motion.T[:3, :3].T)
+        shift = float(np.linalg.norm((fit.T - motion.T)[:3, 3])) / self.model.diagonal
+        joints = np.abs(fit.values - motion.values).max(initial=0.0)
+        return bool(max(turn, shift, joints) < STAYED)
 
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
         """Fit the frame from where the model is expected; where that is doubtful, from farther starts and searched."""
@@ -356,7 +364,7 @@ class Tracker:
                 if clock.perf_counter() >= limit:
                     return fit
                 other = self._fitted(start_from, limit, wide=True)
-                if other.misfit < fit.misfit:
+                if usual.misfit(other) < usual.misfit(fit):
                     fit = other
         return self._searched_about(fit, expected, limit)
 
@@ -367,7 +375,7 @@ class Tracker:
         """
         usual = self._usual
         assert usual is not None
-        suspected = bool(usual.suspects(fit).any()) or fit.coverage < usual.coverage - UNEXPLAINED
+        suspected = bool(usual.suspects(fit).any()) or (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED)
         held = self._free & expected.held
         if not suspected and not held.any():
             self._doubt, self._doubted, self._vain = 1, 0, 0
@@ -393,13 +401,15 @@ class Tracker:
         ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
         T, values, _ = self._sweep(fit.T, fit.values, ranges, 1)
         other = self._fitted(expected, limit, start=(T, values), held=expected.held & ~freed)
-        return other if other.misfit <= fit.misfit + LEAST_GAIN else fit
+        assert self._usual is not None
+        return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
 
     def _swept(self, fit: _Fit, expected: Motion, ranges: Array, limit: float) -> _Fit:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
-        assert self._usual is not None
-        best = fit
-        most = fit.misfit - max(LEAST_GAIN, BETTER * (fit.misfit - self._usual.misfit))
+        usual = self._usual
+        assert usual is not None
+        best, against = fit, usual.misfit(fit)
+        least = against - max(LEAST_GAIN, BETTER * (against - usual.misfit(usual)))
         for T, values in ((fit.T, fit.values), (expected.T, expected.values)):
             if clock.perf_counter() >= limit:
                 break
@@ -408,8 +418,8 @@ class Tracker:
                 continue
             held = expected.held & (ranges[6:] == 0.0)
             other = self._fitted(expected, limit, wide=True, start=(T, values), held=held)
-            if other.misfit < min(best.misfit, most):
-                best = other
+            if usual.misfit(other) < least:
+                best, least = other, usual.misfit(other)
         return best
 
     def _sweep(self, T: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
@@ -617,7 +627,8 @@ class Tracker:
         covariance = self._covariance(fit) if self.options.covariance and found else None
         doubt = self._motion.deviations[6:]
         if found:
-            doubt = np.hypot(doubt, SYSTEMATIC / np.maximum(fit.levers, 1e-9))
+            systematic = SYSTEMATIC / np.maximum(fit.levers, 1e-9)
+            doubt = np.where(self._motion.held, doubt, np.hypot(doubt, systematic))
         doubt = np.where(self._free, np.minimum(doubt, self._most_doubt), 0.0)
         return TrackedFrame(
             time=time,
