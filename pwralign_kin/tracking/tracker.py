@@ -44,7 +44,8 @@ is not seen; a lost model is found above the third."""
 
 CLEAR, STAYED = 0.9, 0.05
 """Shares of the points and of the visible surface that are explained when a given start is taken without a search; of
-the points close to the model only, if no variable moved by more than the second (rad or model diagonals)."""
+the points close to the model only, if no variable that the frame determines moved by more than the second (rad or model
+diagonals)."""
 
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
@@ -342,7 +343,8 @@ class Tracker:
         """Return whether a fit is about where it started."""
         turn = rotation_angle(fit.T[:3, :3] @ motion.T[:3, :3].T)
         shift = float(np.linalg.norm((fit.T - motion.T)[:3, 3])) / self.model.diagonal
-        joints = np.abs(fit.values - motion.values).max(initial=0.0)
+        told = np.diag(fit.covariance)[6:] < UNDETERMINED**2
+        joints = np.abs(fit.values - motion.values)[told].max(initial=0.0)
         return bool(max(turn, shift, joints) < STAYED)
 
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
