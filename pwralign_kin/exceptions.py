@@ -47,6 +47,10 @@ class ScanError(PwralignError):
         super().__init__(f"{source}: {fault}")
 
 
+class EmptyScanError(ScanError):
+    """The scan has no points, or fewer than an estimate can start from."""
+
+
 class UnitError(ScanError):
     """The scan seems to be in another unit than metres. `scale` converts it to metres."""
 

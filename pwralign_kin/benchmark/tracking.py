@@ -21,11 +21,19 @@ from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, rotation_about, transform
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
+from pwralign_kin.simulation.sequences import Motion
 from pwralign_kin.state import State
-from pwralign_kin.tracking import Tracker
+from pwralign_kin.tracking import TrackedFrame, Tracker
 
 FRAMES = 1000
-"""Frames of a sequence at 30 Hz."""
+"""Frames of a sequence at 30 Hz, ..."""
+
+SLOW, SLOW_SHARE = 5.0, 10
+"""... and frames per second of a sequence with so many times fewer."""
+
+WRONG = 0.05
+"""Mean surface distance above which an observed part is wrong, model diagonals, unless one of its joints is called
+undetermined."""
 
 RIG, RIG_SIZE = 4, (160, 120)
 """Cameras around the model whose images are fused, and the size of their images."""
@@ -59,11 +67,19 @@ class Track:
 
     robot: str
     sensor: str
+    rate: float
+    """Frames per second."""
     frames: int
     lost: int
     """Frames in which the model counts as lost."""
+    wrong: int
+    """Measured frames in which it does not, but a part is wrong (see `WRONG`)."""
+    undetermined: float
+    """Share of the joints that the frames tell, but the tracker calls undetermined."""
     joint_rmse: float
     """Of the joints that the frames tell, degrees; slides apart."""
+    sure_rmse: float
+    """The same of those that the tracker does not call undetermined."""
     worst_joint: float
     """Largest error of these, degrees."""
     slide_rmse: float
@@ -107,12 +123,14 @@ class Guessed:
 
 
 def tracks(models: Models, frames: int, progress: Progress) -> Iterable[Track]:
-    """Yield a track of each robot with a rig of cameras, and with one camera."""
+    """Yield tracks of each robot with a rig of cameras, and with one camera; at 30 Hz, and fewer frames at 5 Hz."""
     for robot, model in models:
         for sensor, cameras, size in (("rig", RIG, RIG_SIZE), ("single", 1, SINGLE_SIZE)):
-            track = followed(robot, model, sensor, simulate_sequence(model, frames, cameras=cameras, size=size))
-            progress(" ".join(_row(track)))
-            yield track
+            for motion, count in ((Motion(), frames), (Motion(rate=SLOW), max(frames // SLOW_SHARE, 1))):
+                sequence = simulate_sequence(model, count, motion, cameras=cameras, size=size)
+                track = followed(robot, model, sensor, sequence, motion.rate)
+                progress(" ".join(_row(track)))
+                yield track
 
 
 def recoveries(models: Models, progress: Progress) -> Iterable[Recovery]:
@@ -150,11 +168,14 @@ def displacement(model: ArticulatedModel, state: State, truth: State) -> float:
     return total / weights
 
 
-def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[SimulatedFrame]) -> Track:
+def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[SimulatedFrame], rate: float) -> Track:
     """Return how well a sequence is followed from its first state, which is known, and how fast."""
     ruler, rigid = Ruler(model), _Rigid(model)
     tracker: Tracker | None = None
-    lost, points, turns, slides, shifts = 0, [], [], [], []
+    every = MEASURED_EVERY if rate > SLOW else 1
+    lost, wrong, points, turns, slides, shifts = 0, 0, [], [], [], []
+    sure_turns: list[float] = []
+    open_joints: list[bool] = []
     seconds: list[float] = []
     alone: list[float] = []
     prepared: list[float] = []
@@ -165,24 +186,32 @@ def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[
             tracker, before = Tracker(model, initial=frame.state), frame.state
         tracked = tracker.update(seen, frame.time)
         lost += tracked.lost
-        if count % MEASURED_EVERY == 0:
+        if count % every == 0:
             seconds.append(tracked.seconds)
             points.append(tracked.points)
             for times, own in zip((alone, prepared), rigid.align(before, _cloud(frame)), strict=True):
                 times.append(own)
             reference = ruler.reference(frame.state, np.repeat(np.arange(len(model.parts)), frame.pixels))
-            turned, slid = _joint_errors(model, reference, tracked.state)
+            turned, slid = _joint_errors(model, reference.told, reference.truth, tracked.state)
             turns += turned
             slides += slid
+            sure = [name for name in reference.told if name not in tracked.undetermined]
+            sure_turns += _joint_errors(model, sure, reference.truth, tracked.state)[0]
+            open_joints += [name in tracked.undetermined for name in reference.told]
+            wrong += not tracked.lost and _wrong(ruler, reference, tracked)
             shift = tracked.state.T_scan_base[:3, 3] - frame.state.T_scan_base[:3, 3]
             shifts.append(100.0 * float(np.linalg.norm(shift)) / model.diagonal)
         before = tracked.state
     return Track(
         robot=robot,
         sensor=sensor,
+        rate=rate,
         frames=count,
         lost=lost,
+        wrong=wrong,
+        undetermined=float(np.mean(open_joints)) if open_joints else float("nan"),
         joint_rmse=_rms(turns),
+        sure_rmse=_rms(sure_turns),
         worst_joint=max(turns, default=float("nan")),
         slide_rmse=_rms(slides),
         base_rmse=_rms(shifts),
@@ -267,11 +296,27 @@ def guess_off(model: ArticulatedModel, truth: State, kind: tuple[float, float, f
     return State(T, dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)
 
 
-def _joint_errors(model: ArticulatedModel, reference: Reference, state: State) -> tuple[list[float], list[float]]:
-    """Return the errors of the joints that a frame tells: turns (degrees) and slides (percent of the diagonal)."""
+def _wrong(ruler: Ruler, reference: Reference, tracked: TrackedFrame) -> bool:
+    """Return whether an observed part is elsewhere, though none of the joints that carry it is called undetermined."""
+    model = ruler.model
+    errors = ruler.part_errors(reference, ruler.placements(tracked.state))
+    for part, error in zip(reference.observed, errors, strict=True):
+        carriers, at = set(), model.parts[part]
+        while at.joint is not None:
+            carriers.add(model.joint_names[at.joint.actuated])
+            at = model.parts[at.parent]
+        if error > WRONG and not carriers & set(tracked.undetermined):
+            return True
+    return False
+
+
+def _joint_errors(
+    model: ArticulatedModel, names: Iterable[str], truth: State, state: State
+) -> tuple[list[float], list[float]]:
+    """Return the errors of joints: turns (degrees) and slides (percent of the diagonal)."""
     turns, slides = [], []
-    for name in reference.told:
-        apart = state.joints[name] - reference.truth.joints[name]
+    for name in names:
+        apart = state.joints[name] - truth.joints[name]
         if model.units[name] == "m":
             slides.append(100.0 * abs(apart) / model.diagonal)
         else:
@@ -290,7 +335,8 @@ def _rms(values: list[float]) -> float:
 def tracks_table(results: Iterable[Track]) -> str:
     """Return accuracy and times."""
     heads = [
-        "robot", "sensor", " frames", " lost", " joint RMSE", " worst joint", " slide RMSE", " base RMSE", " points",
+        "robot", "sensor", " frames", " lost", " wrong", " undetermined", " joint RMSE", " determined",
+        " worst joint", " slide RMSE", " base RMSE", " points",
         " step, median", " 90% below", " small_gicp", " ratio (5 to 95%)", " with preparation", " ratio",
     ]  # fmt: skip
     return markdown(heads, map(_row, results))
@@ -301,7 +347,8 @@ def _row(track: Track) -> list[str]:
     low, high = quantile(ratios.tolist(), 0.05), quantile(ratios.tolist(), 0.95)
     rigid, prepared, step = median(track.rigid_seconds), median(track.rigid_prepared_seconds), median(track.seconds)
     return [
-        track.robot, track.sensor, str(track.frames), str(track.lost), figure(track.joint_rmse, "°"),
+        track.robot, f"{track.sensor}, {track.rate:g} Hz", str(track.frames), str(track.lost), str(track.wrong),
+        f"{100 * track.undetermined:.0f}%", figure(track.joint_rmse, "°"), figure(track.sure_rmse, "°"),
         figure(track.worst_joint, "°"), figure(track.slide_rmse, "%"), figure(track.base_rmse, "%"), str(track.points),
         figure(1e3 * step, " ms"), figure(1e3 * quantile(track.seconds, 0.9), " ms"), figure(1e3 * rigid, " ms"),
         f"{figure(median(ratios.tolist()))} ({figure(low)} to {figure(high)})", figure(1e3 * prepared, " ms"),

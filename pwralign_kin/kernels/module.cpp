@@ -471,6 +471,7 @@ PinholeView read_view(const Matrix &K, double scale, const Placements &camera, s
 }
 
 void bind_tracking(nb::module_ &m) {
+    m.def("explained_within", &explained_within, "noise"_a);
     nb::class_<Tracking>(m, "Tracking")
         .def("__init__", [](Tracking *self, const Articulated &model, int points, float cell) {
             require(points > 0 && cell > 0, "a tracker needs points and cells");
@@ -500,30 +501,48 @@ void bind_tracking(nb::module_ &m) {
             self.look(depth.data(), view);
         }, "depth"_a, "intrinsics"_a, "scale"_a, "camera"_a)
         .def_prop_ro("points", [](const Tracking &self) { return int(self.kept.size()); })
-        .def("fit", [](Tracking &self, Placements base, Doubles values, Placements predicted, Doubles predicted_values, Doubles inverse_deviations, float sigma_first, float sigma_last, int iterations, double seconds) {
+        .def("fit", [](Tracking &self, Placements base, Doubles values, Placements predicted, Doubles predicted_values, Matrix expected, Bytes held, float sigma_first, float sigma_last, int iterations, double seconds) {
             const size_t k = self.model.joints;
-            require(base.shape(0) == 1 && predicted.shape(0) == 1 && values.size() == k && predicted_values.size() == k && inverse_deviations.size() == 6 + k, "one base, one value per joint and one deviation per variable are needed");
+            require(base.shape(0) == 1 && predicted.shape(0) == 1 && values.size() == k && predicted_values.size() == k && held.size() == k && expected.shape(0) == 6 + k && expected.shape(1) == 6 + k, "one base, one value per joint and an inverse covariance of both are needed");
             Rigid T = read_placement(base.data());
             std::vector<double> fitted(values.data(), values.data() + k);
             TrackingFit result;
             {
                 nb::gil_scoped_release release;
-                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), inverse_deviations.data(), sigma_first, sigma_last, iterations, seconds);
+                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), expected.data(), held.data(), sigma_first, sigma_last, iterations, seconds);
             }
             std::vector<double> placed(16);
             write_placement(T, placed.data());
-            return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.coverage, result.agreement, result.rmse);
-        }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "inverse_deviations"_a, "sigma_first"_a, "sigma_last"_a, "iterations"_a, "seconds"_a)
+            return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.rmse);
+        }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "expected"_a, "held"_a, "sigma_first"_a, "sigma_last"_a, "iterations"_a, "seconds"_a)
         .def_prop_ro("information", [](const Tracking &self) {
             const size_t size = 6 + self.model.joints;
             return to_numpy(std::vector<double>(self.information), {size, size});
         }, nb::rv_policy::move)
-        .def_prop_ro("told", [](const Tracking &self) { return to_numpy(std::vector<double>(self.told)); }, nb::rv_policy::move)
-        .def("support", [](Tracking &self, Placements base, Doubles values) {
+        .def("judge", [](Tracking &self, Placements base, Doubles values, float tolerance) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints, "one base and one value per joint are needed");
-            const TrackingSupport shown = self.support(read_placement(base.data()), values.data());
-            return nb::make_tuple(shown.visible, shown.supported);
-        }, "base"_a, "values"_a);
+            TrackingJudgement own;
+            {
+                nb::gil_scoped_release release;
+                own = self.judge(read_placement(base.data()), values.data(), tolerance);
+            }
+            return nb::make_tuple(own.noise, own.tolerance, own.coverage, own.agreement, own.visible, own.supported);
+        }, "base"_a, "values"_a, "tolerance"_a)
+        .def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); }, nb::rv_policy::move)
+        .def_prop_ro("explained", [](const Tracking &self) { return to_numpy(std::vector<float>(self.explained)); }, nb::rv_policy::move)
+        .def_prop_ro("strays", [](const Tracking &self) { return to_numpy(std::vector<float>(self.strays)); }, nb::rv_policy::move)
+        .def_prop_ro("visible", [](const Tracking &self) { return to_numpy(std::vector<float>(self.visible)); }, nb::rv_policy::move)
+        .def_prop_ro("shown", [](const Tracking &self) { return to_numpy(std::vector<float>(self.shown)); }, nb::rv_policy::move)
+        .def("sweep", [](Tracking &self, Placements base, Doubles values, int variable, double range, float sigma) {
+            require(base.shape(0) == 1 && int(values.size()) == self.model.joints && variable >= 0 && variable < 6 + self.model.joints, "one base, one value per joint and one of these variables are needed");
+            std::vector<double> changes;
+            std::vector<float> scores;
+            {
+                nb::gil_scoped_release release;
+                self.sweep(read_placement(base.data()), values.data(), variable, range, sigma, changes, scores);
+            }
+            return nb::make_tuple(to_numpy(std::move(changes)), to_numpy(std::move(scores)));
+        }, "base"_a, "values"_a, "variable"_a, "range"_a, "sigma"_a);
 }
 
 } // namespace

@@ -11,8 +11,12 @@ constexpr float reach = .03f;                 // a sample nearer to a point is s
 constexpr float occluder_gap = .04f;          // what is nearer to the sensor by more than this hides a sample
 constexpr float depth_edge = .03f;            // neighbouring pixels farther apart may be mixed
 constexpr int judged_samples = 64;            // per part
-constexpr float explained_distance = .02f;    // a point nearer to the model is explained
+constexpr int swept_samples = 24;             // per part
+constexpr float matched_distance = .02f;      // a point nearer to the model is matched in the last iterations
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
+constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
+constexpr int most_swept = 48;                // values to either side
+constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
 constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
 constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
 constexpr double independent_share = .5;      // of the points
@@ -58,8 +62,11 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
         if (!s.exists) continue;
         bounds.push_back({p, s.radius, s.centre});
     }
-    information.resize(size * size), told.resize(size), H.resize(size * size), step.resize(size);
+    information.resize(size * size), H.resize(size * size), step.resize(size), off.resize(size);
     reduced.resize(size * size), stopped.resize(model.joints);
+    explained.resize(model.parts), strays.resize(model.parts), visible.resize(model.parts), shown.resize(model.parts);
+    moved.resize(model.parts), levers.resize(model.joints), moved_weight.resize(model.joints);
+    seen_below.resize(model.parts), moved_parts.resize(model.joints);
 }
 
 void Tracking::place(const Rigid &base, const double *values) {
@@ -212,7 +219,6 @@ void Tracking::settle() {
         for (int i = 0; i < most_points; ++i) kept[i] = kept[size_t(i) * kept.size() / most_points];
         kept.resize(most_points);
     }
-    reached.assign(kept.size(), 0);
     for (size_t level = 0; level < strides.size(); ++level) {
         thinner[level].clear();
         for (size_t i = 0; i < kept.size(); i += strides[level]) thinner[level].push(kept[i]);
@@ -245,8 +251,8 @@ void Tracking::assign(const SplitPoints &points, float cap) {
 }
 
 TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
-                          const double *inverse_deviations, float sigma_first, float sigma_last, int iterations,
-                          double seconds) {
+                          const double *expected, const uint8_t *held, float sigma_first, float sigma_last,
+                          int iterations, double seconds) {
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
@@ -261,8 +267,8 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress), squared = sigma * sigma;
         all |= iteration + 1 == iterations;
         const size_t level = all ? 0 : progress < 1 ? 2 : 1, stride = strides[level];
-        const float cap = std::max(3 * sigma + .005f, explained_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
-        int explained = 0;
+        const float cap = std::max(3 * sigma + .005f, matched_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
+        int matched = 0;
         double squares = 0;
         place(base, values);
         const Vec about{F[0].t[0], F[0].t[1], F[0].t[2]};
@@ -271,7 +277,6 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         for (size_t at = 0; at < owner.size(); ++at) {
             const size_t i = at * stride;
             const int p = owner[at];
-            reached[i] = p >= 0;
             if (p < 0) continue;
             const float distance = this->distance[at];
             const OrientedPoint &s = model.surface[p].dense[sample[at]];
@@ -280,7 +285,7 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             const float residual = dot(offset, n), kernel = squared / (squared + distance * distance);
             // No sensor sees a surface's back; but a point that stands out beyond it shows where the outline is.
             if (has_sensor && residual < 0 && !faces_sensor(foot, n, -.1f)) continue;
-            if (distance < explained_distance) ++explained, squares += double(distance) * distance;
+            if (distance < matched_distance) ++matched, squares += double(distance) * distance;
             const float w = weight * kernel * kernel;
             normal[p].add_plane(foot - about, n, residual, w);
             // Beyond an edge of the surface the distance has a part along the surface too.
@@ -288,7 +293,10 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             const float length = norm(along), aside = length - model.surface[p].slack;
             if (aside > 0) normal[p].add_plane(foot - about, (1 / length) * along, aside, w);
         }
-        for (Normal &part : normal) part.mirror();
+        for (int p = 0; p < model.parts; ++p) {
+            normal[p].mirror();
+            seen_below[p] = normal[p].H[21] + normal[p].H[28] + normal[p].H[35] > 0;
+        }
         std::fill(H.begin(), H.end(), 0.), std::fill(step.begin(), step.end(), 0.);
         model.joint_twists(T.data(), T[0].t, twists.data());
         model.compose(normal.data(), twists.data(), H.data(), step.data());
@@ -296,18 +304,30 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             step[i] += normal[0].g[i];
             for (int j = 0; j < 6; ++j) H[i * size + j] += normal[0].H[6 * i + j];
         }
-        double off[6];
-        rotation_between(base.R, predicted.R, off);
-        for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];
-        for (int i = 0; i < size; ++i) {
-            const double share = belief * inverse_deviations[i] * inverse_deviations[i];
-            double apart = i < 6 ? off[i] : predicted_values[i - 6] - values[i - 6];
-            if (i >= 6 && model.wraps[i - 6]) apart = std::remainder(apart, model.upper[i - 6] - model.lower[i - 6]);
-            told[i] = H[i * (size + 1)] / (H[i * (size + 1)] + share);
-            H[i * (size + 1)] += share, step[i] += share * apart;
+        // Now each part has the equations of all that hangs on it; those of shifts sum up to the weights.
+        std::fill(moved_weight.begin(), moved_weight.end(), 0.), std::fill(moved_parts.begin(), moved_parts.end(), 0);
+        for (int p = model.parts - 1; p > 0; --p) {
+            const double *own = normal[p].H;
+            const int j = model.actuated[p], above = model.parent[p];
+            seen_below[above] += seen_below[p];
+            if (above == 0 || model.actuated[above] != j)
+                moved_weight[j] += own[21] + own[28] + own[35], moved_parts[j] += seen_below[p];
         }
+        for (int j = 0; j < joints; ++j)
+            levers[j] = moved_weight[j] > 0 ? std::sqrt(H[(6 + j) * (size + 1)] * moved_parts[j] / moved_weight[j]) : 0;
+        rotation_between(base.R, predicted.R, off.data());
+        for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];
+        for (int j = 0; j < joints; ++j) {
+            off[6 + j] = predicted_values[j] - values[j];
+            if (model.wraps[j]) off[6 + j] = std::remainder(off[6 + j], model.upper[j] - model.lower[j]);
+        }
+        for (int i = 0; i < size; ++i)
+            for (int j = 0; j < size; ++j) {
+                const double share = belief * expected[i * size + j];
+                H[i * size + j] += share, step[i] += share * off[j];
+            }
         for (int i = 0; i < size * size; ++i) information[i] = H[i] / belief;
-        solve(values);
+        solve(values, held);
         // What the step gains, in variances of the answer (the squared Newton decrement).
         double gain = 0;
         for (int i = 0; i < size; ++i) gain += right[i] * step[i] / belief;
@@ -320,34 +340,29 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         }
         retract(base, step.data(), .35);
         ++result.iterations;
-        result.coverage = explained * weight;
-        result.rmse = explained ? float(std::sqrt(squares / explained)) : 0.f;
+        result.rmse = matched ? float(std::sqrt(squares / matched)) : 0.f;
         if (progress < 1 || gain >= settled * size) continue;
         if (all) break;
         all = true;
     }
     orthonormalise(base.R);
-    apart.clear();
-    for (size_t i = 0; i < kept.size(); ++i)
-        if (!reached[i]) apart.push(kept[i]);
-    assign(apart, close_distance);
-    const auto beyond = std::count(owner.begin(), owner.end(), -1);
-    const float near = float(kept.size() - beyond);
-    result.agreement = near > 0 ? std::min(1.f, result.coverage * float(kept.size()) / near) : 0.f;
     return result;
 }
 
 // Solve H step = step; joints that leave their limits stop there, and the others are solved for again.
-void Tracking::solve(const double *values) {
+void Tracking::solve(const double *values, const uint8_t *held) {
     const int joints = model.joints, size = 6 + joints;
-    std::fill(stopped.begin(), stopped.end(), 0);
+    const auto remainder = [&](int j) {
+        return stopped[j] == still ? 0. : (stopped[j] == at_lower ? model.lower[j] : model.upper[j]) - values[j];
+    };
+    for (int j = 0; j < joints; ++j) stopped[j] = held[j] ? still : 0;
     right = step;
     for (int attempt = 0; attempt < 3; ++attempt) {
         reduced = H, step = right;
         for (int j = 0; j < joints; ++j) {
             if (!stopped[j]) continue;
             const int at = 6 + j;
-            const double rest = (stopped[j] == 1 ? model.lower[j] : model.upper[j]) - values[j];
+            const double rest = remainder(j);
             for (int i = 0; i < size; ++i) {
                 if (i != at) step[i] -= H[i * size + at] * rest;
                 reduced[i * size + at] = reduced[at * size + i] = 0;
@@ -355,7 +370,7 @@ void Tracking::solve(const double *values) {
             reduced[at * size + at] = 1;
         }
         for (int j = 0; j < joints; ++j)
-            if (stopped[j]) step[6 + j] = (stopped[j] == 1 ? model.lower[j] : model.upper[j]) - values[j];
+            if (stopped[j]) step[6 + j] = remainder(j);
         if (!solve_spd(reduced.data(), step.data(), size)) {
             std::fill(step.begin(), step.end(), 0.);
             return;
@@ -364,35 +379,132 @@ void Tracking::solve(const double *values) {
         for (int j = 0; j < joints; ++j) {
             if (stopped[j] || model.wraps[j]) continue;
             const double value = values[j] + step[6 + j];
-            if (value < model.lower[j] - 1e-9) stopped[j] = 1, again = true;
-            if (value > model.upper[j] + 1e-9) stopped[j] = 2, again = true;
+            if (value < model.lower[j] - 1e-9) stopped[j] = at_lower, again = true;
+            if (value > model.upper[j] + 1e-9) stopped[j] = at_upper, again = true;
         }
         if (!again) return;
     }
 }
 
-TrackingSupport Tracking::support(const Rigid &base, const double *values) {
+TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float tolerance) {
     place(base, values);
-    TrackingSupport out;
+    TrackingJudgement out;
+    assign(thinner[1], close_distance); // every other point: shares need no more
+    if (tolerance <= 0) {
+        ordered.clear();
+        for (size_t i = 0; i < owner.size(); ++i)
+            if (owner[i] >= 0) ordered.push_back(distance[i]);
+        const auto middle = ordered.begin() + ordered.size() / 2;
+        if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
+        tolerance = explained_within(out.noise);
+    }
+    std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
+    float all = 0, close_by = 0;
+    for (size_t i = 0; i < owner.size(); ++i) {
+        const int p = owner[i];
+        if (p < 0) continue;
+        const bool fits = distance[i] < tolerance;
+        (fits ? explained : strays)[p] += 1;
+        all += fits, close_by += 1;
+    }
+    out.tolerance = tolerance;
+    out.coverage = owner.empty() ? 0 : all / float(owner.size());
+    out.agreement = close_by > 0 ? all / close_by : 0;
     double total = 0, supported = 0, hidden = 0;
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
+        visible[p] = shown[p] = 0;
         if (!s.exists) continue;
-        const int count = s.count(judged_samples);
-        for (int i = 0; i < count; ++i) {
-            const Vec x = apply(F[p], s.p[i]);
-            if (has_sensor && !faces_sensor(x, rotate(F[p], s.n[i]), .2f)) continue;
-            const double w = double(s.weight) * s.w[i] / s.cumulated[count];
-            total += w;
-            if (near.any_within(kept.data(), x, reach)) supported += w;
-            else if (is_hidden(x)) hidden += w;
-        }
+        const Seen seen = seen_of(p, judged_samples);
+        total += seen.facing, hidden += seen.hidden, supported += seen.shown;
+        visible[p] = seen.facing - seen.hidden, shown[p] = seen.shown;
     }
     if (total > 0) {
         out.visible = float(1 - hidden / total);
         if (total > hidden) out.supported = float(supported / (total - hidden));
     }
     return out;
+}
+
+Tracking::Seen Tracking::seen_of(int part, int samples) const {
+    const Surface &s = model.surface[part];
+    const int count = s.count(samples);
+    Seen seen;
+    for (int i = 0; i < count; ++i) {
+        const Vec x = apply(F[part], s.p[i]);
+        if (has_sensor && !faces_sensor(x, rotate(F[part], s.n[i]), .2f)) continue;
+        const float w = s.weight * s.w[i] / s.cumulated[count];
+        seen.facing += w;
+        if (near.any_within(kept.data(), x, reach)) seen.shown += w;
+        else if (is_hidden(x)) seen.hidden += w;
+    }
+    return seen;
+}
+
+// Rigid motion of all parts that a change of the base (rotation about its origin, shift) or of a joint moves.
+void Tracking::change(const Rigid &base, const double *values, int variable, double by) {
+    if (variable >= 6) {
+        swept.assign(values, values + model.joints), swept[variable - 6] += by;
+        place(base, swept.data());
+        return;
+    }
+    double step[6] = {};
+    step[variable] = by;
+    Rigid moved_base = base;
+    retract(moved_base, step, 1e9);
+    place(moved_base, values);
+}
+
+void Tracking::sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
+                     std::vector<double> &changes, std::vector<float> &scores) {
+    place(base, values);
+    float lever = variable < 6 ? 1 : 0, total = 0;
+    for (int p = 0; p < model.parts; ++p)
+        moved[p] = variable < 6 || (p > 0 && (moved[model.parent[p]] || model.actuated[p] == variable - 6));
+    for (const Bounds &b : bounds) {
+        total += model.surface[b.part].weight;
+        if (variable < 6 || !moved[b.part]) continue;
+        int first = b.part; // the joint that moves this part
+        while (model.actuated[first] != variable - 6) first = model.parent[first];
+        const Vec from{float(T[first].t[0]), float(T[first].t[1]), float(T[first].t[2])};
+        const float arm = model.prismatic[first] ? 1.f : norm(b.centre - from) + b.radius;
+        lever = std::max(lever, arm * std::abs(float(model.multiplier[first])));
+    }
+    changes.assign(1, 0), scores.clear();
+    if (lever <= 0) {
+        scores.push_back(0);
+        return;
+    }
+    const double step = std::max(double(sweep_step / lever), range / most_swept);
+    for (int i = 1; i <= int(range / step); ++i) changes.push_back(-i * step), changes.push_back(i * step);
+    if (variable >= 6 && !model.wraps[variable - 6]) {
+        const double value = values[variable - 6], low = model.lower[variable - 6], high = model.upper[variable - 6];
+        const auto beyond = [&](double by) { return by != 0 && (value + by < low || value + by > high); };
+        changes.erase(std::remove_if(changes.begin(), changes.end(), beyond), changes.end());
+    }
+    // Those parts that stay are looked up once.
+    const SplitPoints &points = thinner[1];
+    const float squared = sigma * sigma;
+    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    for (const Bounds &b : bounds)
+        if (!moved[b.part])
+            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+    resting.assign(distance.begin(), distance.end());
+    for (const double by : changes) {
+        change(base, values, variable, by);
+        std::copy(resting.begin(), resting.end(), distance.begin());
+        float surface = 0;
+        for (const Bounds &b : bounds) {
+            if (!moved[b.part]) continue;
+            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+            const Seen seen = seen_of(b.part, swept_samples);
+            surface += 2 * seen.shown - (seen.facing - seen.hidden);
+        }
+        double fits = 0;
+        for (int64_t i = 0; i < points.size; ++i)
+            if (distance[i] < close_distance) fits += squared / (squared + distance[i] * distance[i]);
+        scores.push_back(float(fits / std::max<int64_t>(points.size, 1)) + sweep_support * surface / total);
+    }
 }
 
 } // namespace pwr

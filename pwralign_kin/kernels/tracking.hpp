@@ -56,16 +56,21 @@ struct PinholeView {
 
 struct TrackingFit {
     int iterations = 0;
-    float coverage = 0;  // share of the points that the model explained in the last iteration
-    float agreement = 0; // the same of the points that are close to the model
-    float rmse = 0;      // of the explained points' distances
+    float rmse = 0; // of the matched points' distances
 };
 
-// What the frame shows of the surface that faces the sensor, in shares of it.
-struct TrackingSupport {
-    float visible = 0;   // not behind something else
-    float supported = 0; // of the visible: at a point of the frame
+// How a configuration fits a frame.
+struct TrackingJudgement {
+    float noise = 0;     // robust standard deviation of the distances of points close to the model; 0 where not asked for
+    float tolerance = 0; // a point nearer to the model is explained
+    float coverage = 0;  // share of the points that the model explains
+    float agreement = 0; // the same of the points that are close to the model
+    float visible = 0;   // share of the surface facing the sensor that is not behind something else
+    float supported = 0; // share of the visible that is at a point of the frame
 };
+
+// Distance within which points of a noise (standard deviation) are explained: beyond the noise, models are not exact.
+inline float explained_within(float noise) { return std::clamp(4 * noise + .002f, .006f, .02f); }
 
 class Tracking {
   public:
@@ -79,16 +84,24 @@ class Tracking {
     template <typename Number> void look(const Number *points, int64_t count);
     template <typename Number> void look(const Number *depth, const PinholeView &view);
     // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
-    // standard deviations one over `inverse_deviations` (6 + joints) in the predicted configuration.
+    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration; joints that are `held` stay as they are.
     TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
-                    const double *inverse_deviations, float sigma_first, float sigma_last, int iterations,
+                    const double *expected, const uint8_t *held, float sigma_first, float sigma_last, int iterations,
                     double seconds);
-    TrackingSupport support(const Rigid &base, const double *values);
+    // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
+    // `explained` and the following.
+    TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);
+    // Score changes of one variable (rotation vector and shift of the base, then joints) up to `range` to either side.
+    void sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
+               std::vector<double> &changes, std::vector<float> &scores);
 
     const Articulated &model;
-    std::vector<Vec> kept;            // the points of the frame that are used
-    std::vector<double> information;  // (6 + joints)^2 of the last iteration of `fit`, the belief included
-    std::vector<double> told;         // (6 + joints) share of its diagonal that the frame, not the belief, gave
+    std::vector<Vec> kept;                // the points of the frame that are used
+    std::vector<double> information;      // (6 + joints)^2 of the last iteration of `fit`, the belief included
+    // Per joint, how far what is seen moves along its normals for each unit: root of the sum over parts of mean squares.
+    std::vector<double> levers;
+    std::vector<float> explained, strays; // per part, points close to it that it explains and that it does not
+    std::vector<float> visible, shown;    // per part, weight of its visible surface and of what the frame shows of that
 
   private:
     struct Bounds {
@@ -102,7 +115,12 @@ class Tracking {
     void assign(const SplitPoints &points, float cap);
     bool faces_sensor(Vec p, Vec n, float cosine) const;
     bool is_hidden(Vec p) const;
-    void solve(const double *values);
+    void solve(const double *values, const uint8_t *held);
+    struct Seen { // weights of a part's surface
+        float facing = 0, hidden = 0, shown = 0;
+    };
+    Seen seen_of(int part, int samples) const;
+    void change(const Rigid &base, const double *values, int variable, double by);
 
     static constexpr int range_pixels = 64;
     const int most_points;
@@ -111,8 +129,11 @@ class Tracking {
     std::vector<RigidF> F;
     std::vector<Bounds> bounds; // of the parts that have a surface
     std::vector<Normal> normal;
-    std::vector<double> twists, H, step, right, reduced;
-    std::vector<uint8_t> stopped; // joints that the solution of one step drives into a limit
+    std::vector<double> twists, H, step, right, reduced, off, swept, moved_weight;
+    enum : uint8_t { at_lower = 1, at_upper, still };
+    std::vector<uint8_t> stopped; // joints that stand at a limit in one step, or are held
+    std::vector<uint8_t> moved;   // parts that a sweep moves
+    std::vector<int> seen_below, moved_parts; // parts with points: each and all below it, those that a joint moves
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
     float margin = 0;
@@ -127,8 +148,7 @@ class Tracking {
     std::vector<Vec> candidates;
     std::vector<Sum> sums; // of the candidates of each cell
     std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
-    SplitPoints apart;                  // those that the model does not reach
-    std::vector<uint8_t> reached;       // whether the last look at each point found a part near to it
+    std::vector<float> ordered, resting;
     std::vector<float> distance;        // of the points assigned last from the nearest part, ...
     std::vector<int> owner, sample;     // ... which part that is, -1 for none, and its sample
     std::vector<CloseSample> close;

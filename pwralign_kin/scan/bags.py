@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pwralign_kin.dependencies import rosbags
 from pwralign_kin.exceptions import ScanError, UnknownNameError
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.scan import MIN_POINTS, Scan, checked_intrinsics
+from pwralign_kin.scan.scan import checked_intrinsics, cloud_frame
 
 if TYPE_CHECKING:
     from pwralign_kin.scan.frames import FrameOptions, TimedFrame
@@ -67,9 +67,7 @@ def read_bag(path: Path, options: FrameOptions) -> Iterator[TimedFrame]:
                     yield time, _depth(message, K, options, source)
                 else:
                     points = _points(message, source)
-                    if np.isfinite(points).all(axis=1).sum() < MIN_POINTS:
-                        continue
-                    yield time, Scan(points, sensor_origin=options.sensor_origin, source=source)
+                    yield time, cloud_frame(points, options.sensor_origin, source)
                 last = time
     except (ScanError, UnknownNameError):
         raise

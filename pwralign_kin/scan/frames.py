@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,14 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.scan import Scan, checked_intrinsics
+from pwralign_kin.scan.scan import Scan, checked_intrinsics, cloud_frame
 from pwralign_kin.se3 import Array
 
-TimedFrame = tuple[float, Scan | DepthFrame]
-"""A time (s) and what was seen then."""
+logger = logging.getLogger(__name__)
+
+TimedFrame = tuple[float, Scan | DepthFrame | Array]
+"""A time (s) and what was seen then; a cloud of too few points to make a scan as bare points."""
 
 BAG_SUFFIXES = (".mcap", ".db3")
 _SECONDS = re.compile(r"\d+\.\d+")
@@ -61,6 +64,8 @@ def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None
       `T_scan_camera` (4, 4); or
     - `points` (n, 3) of all frames one after the other, `counts` (f,) points of each, and optionally `sensor_origin`
       (3,) or (f, 3).
+
+    Clouds without a finite point, or of fewer than ten, are frames without returns: empty arrays (0, 3).
 
     Raises `ScanError` naming the file and the cause; `DependencyError` for a bag without the extra.
     """
@@ -113,7 +118,11 @@ def _files(paths: Sequence[Path], options: FrameOptions) -> Iterator[TimedFrame]
         if path.suffix.lower() == ".png":
             yield time, _depth_image(path, options)
         else:
-            yield time, Scan.load(path, sensor_origin=options.sensor_origin)
+            try:
+                yield time, Scan.load(path, sensor_origin=options.sensor_origin)
+            except EmptyScanError as error:
+                logger.warning("%s: taken as a frame without returns", error)
+                yield time, np.zeros((0, 3))
 
 
 def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
@@ -142,6 +151,7 @@ def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[Timed
     times = arrays.get("time", np.arange(count) / options.rate)
     if times.shape != (count,) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise ScanError(path, f"time must hold {count} increasing numbers")
+    frames: Iterator[Scan | DepthFrame | Array]
     frames = _depths(arrays, path, options) if "depth" in arrays else _clouds(arrays, path, options)
     yield from zip(times.astype(float).tolist(), frames, strict=True)
 
@@ -160,7 +170,7 @@ def _depths(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) 
         yield DepthFrame(image, intrinsics, T_scan_camera, scale, f"{path}: frame {index}")
 
 
-def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[Scan]:
+def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[Scan | Array]:
     counts, points = arrays["counts"], arrays.get("points")
     if points is None or points.ndim != 2 or counts.ndim != 1 or counts.dtype.kind not in "iu":
         raise ScanError(path, "points (n, 3) of all frames and counts (f,) of each are needed")
@@ -170,4 +180,4 @@ def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) 
     ends = np.cumsum(counts)
     for index, end in enumerate(ends):
         own = origin[index] if isinstance(origin, np.ndarray) and origin.ndim == 2 else origin
-        yield Scan(points[end - counts[index] : end], sensor_origin=own, source=f"{path}: frame {index}")
+        yield cloud_frame(points[end - counts[index] : end], own, f"{path}: frame {index}")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan.content import FileContent
 from pwralign_kin.scan.meshes import read_glb, read_obj, read_stl
 from pwralign_kin.scan.pcd import read_pcd
@@ -86,7 +86,7 @@ def _read_text(data: bytes, path: Path) -> FileContent:
     if columns is not None:
         first, words = next(((number, words) for number, words in rows if words), (0, []))
     if not words:
-        raise ScanError(path, "the file has no points")
+        raise EmptyScanError(path, "the file has no points")
     columns = columns or (0, 1, 2)
     try:
         points = np.loadtxt(

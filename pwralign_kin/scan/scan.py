@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
 from pwralign_kin.se3 import Array, checked_placement, transform
 
@@ -93,10 +93,10 @@ class Scan:
         if given.ndim != 2 or given.shape[1] != 3:
             raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}")
         if len(given) == 0:
-            raise ScanError(self.source, "the scan has no points")
+            raise EmptyScanError(self.source, "the scan has no points")
         finite = (np.abs(given) <= LARGEST).all(axis=1)
         if not finite.any():
-            raise ScanError(self.source, f"none of the {len(given)} points is finite")
+            raise EmptyScanError(self.source, f"none of the {len(given)} points is finite")
         kept = np.flatnonzero(finite)
         kept = kept[_first_occurrences(given[kept])]
 
@@ -263,7 +263,7 @@ class Scan:
         """Set the arrays per point from those of which `kept` selects the rows."""
         if len(kept) < MIN_POINTS:
             what = "point" if len(kept) == 1 else "points"
-            raise ScanError(
+            raise EmptyScanError(
                 self.source,
                 f"the scan has only {len(kept)} distinct {what}; at least {MIN_POINTS} are needed",
             )
@@ -334,3 +334,11 @@ def _first_occurrences(points: Array) -> NDArray[np.int64]:
     kept = np.ones(len(points), dtype=bool)
     kept[order[repeats]] = False
     return np.flatnonzero(kept)
+
+
+def cloud_frame(points: ArrayLike, sensor_origin: ArrayLike | None, source: str) -> Scan | Array:
+    """Return the scan of a frame's points (n, 3); where they are too few for one, none at all: (0, 3)."""
+    try:
+        return Scan(points, sensor_origin=sensor_origin, source=source)
+    except EmptyScanError:
+        return np.zeros((0, 3))

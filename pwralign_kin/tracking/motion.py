@@ -1,10 +1,11 @@
-"""Where a model is expected next: base and joints go on as fast as they went."""
+"""Where a model is expected next: base and joints go on as fast as they went, and what is not seen grows doubtful."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pwralign_kin.se3 import Array, exp, rotation_vector
 
@@ -20,10 +21,13 @@ JOINT_SURPRISE, TURN_SURPRISE, SHIFT_SURPRISE = 1.5, 0.5, 0.4
 LONGEST = 0.5
 """Time (s) over which surprises add up, at most: what is lost for longer is searched for."""
 
+SHORTEST = 1e-3
+"""Time (s) over which surprises add up, at least."""
+
 
 @dataclass(frozen=True)
 class Motion:
-    """Position and speed at a moment."""
+    """Position, speed and doubt at a moment."""
 
     time: float
     """s"""
@@ -35,39 +39,60 @@ class Motion:
     """(6,) speed of the base: rotation vector / s in scan axes, then m/s of its origin."""
     speeds: Array
     """(k,) speeds of the values."""
-    seen: float
-    """Time (s) at which the model was last seen."""
+    seen: Array
+    """(6 + k,) times (s) at which base and joints were last told."""
+    covariance: Array
+    """(6 + k, 6 + k) of the base (rotation vector about its origin in scan axes, shift) and of the values; rad and
+    model diagonals."""
 
     @classmethod
     def at_rest(cls, time: float, T: Array, values: Array, seen: float) -> Motion:
         """Return a model of unknown speed that was last seen at a time (s): the longer ago, the less sure it is."""
-        return cls(time, T, values, np.zeros(6), np.zeros(len(values)), seen)
+        size = 6 + len(values)
+        deviations = np.clip(time - seen, SHORTEST, LONGEST) * _surprises(size)
+        return cls(time, T, values, np.zeros(6), np.zeros(size - 6), np.full(size, seen), np.diag(deviations**2))
+
+    @property
+    def ahead(self) -> float:
+        """Time (s) since the model was last seen, whichever part of it."""
+        return float(self.time - self.seen.max())
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """(k,) joints that were not told when the model was last seen."""
+        return np.asarray(self.seen[6:] < self.seen.max())
+
+    @property
+    def deviations(self) -> Array:
+        """(6 + k,) standard deviations of base and values, rad and model diagonals."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def predicted(self, time: float) -> Motion:
         """Return what is expected at a later time."""
         ahead = time - self.time
-        blind = max(0.0, self.time - self.seen)
-        # The speed fades while the model is unseen; integrated over the step.
-        fade = float(np.exp(-blind / MEMORY))
-        step = exp(fade * ahead * self.twist)
+        blind = self.time - self.seen
+        # A speed fades while it is unseen; integrated over the step.
+        fade = np.exp(-blind / MEMORY)
+        step = exp(fade[:6] * ahead * self.twist)
         T = self.T.copy()
         T[:3, :3] = step[:3, :3] @ T[:3, :3]
         T[:3, 3] += step[:3, 3]
-        return replace(self, time=time, T=T, values=self.values + fade * ahead * self.speeds)
+        # Unexpected speeds last: deviations grow in proportion to the time, however many frames it has.
+        grown = np.minimum(blind + ahead, LONGEST) ** 2 - np.minimum(blind, LONGEST) ** 2
+        doubt = self.covariance + np.diag((grown + SHORTEST**2) * _surprises(len(blind)) ** 2)
+        return replace(self, time=time, T=T, values=self.values + fade[6:] * ahead * self.speeds, covariance=doubt)
 
-    def inverse_deviations(self) -> Array:
-        """Return (6 + k,) one over the standard deviations of this prediction; rad and model diagonals."""
-        ahead = float(np.clip(self.time - self.seen, 1e-3, LONGEST))
-        surprises = np.r_[
-            np.full(3, TURN_SURPRISE), np.full(3, SHIFT_SURPRISE), np.full(len(self.values), JOINT_SURPRISE)
-        ]
-        return np.asarray(1.0 / (ahead * surprises))
+    def loosened(self, factor: float) -> Motion:
+        """Return the same with so many times larger deviations."""
+        return replace(self, covariance=factor**2 * self.covariance)
 
-    def corrected(self, T: Array, values: Array, told: Array, turns: Array, since: Motion) -> Motion:
-        """Return the motion once the frame has shown where the model is.
+    def corrected(
+        self, T: Array, values: Array, covariance: Array, held: NDArray[np.bool_], turns: Array, since: Motion
+    ) -> Motion:
+        """Return the motion once the frame has shown where the model is, but for joints that it does not tell.
 
-        `told` (6 + k,) is the share of each variable that the frame tells; `turns` (k,) is the range of joints that
-        wrap, else infinite; `since` is the motion before the prediction.
+        `covariance` (6 + k, 6 + k) is what it is after the frame, `held` (k,) which joints are not told; `turns` (k,)
+        is the range of joints that wrap, else infinite; `since` is the motion before the prediction.
         """
         ahead = self.time - since.time
         apart = values - self.values
@@ -77,4 +102,12 @@ class Motion:
         twist = self.twist.copy()
         twist[:3] += gain * rotation_vector(T[:3, :3] @ self.T[:3, :3].T)
         twist[3:] += gain * (T[:3, 3] - self.T[:3, 3])
-        return Motion(self.time, T, values, told[:6] * twist, told[6:] * (self.speeds + gain * apart), self.time)
+        told = np.clip(1.0 - np.diag(covariance) / np.diag(self.covariance), 0.0, 1.0)
+        unseen = np.r_[np.zeros(6, bool), held]
+        speeds = np.where(held, self.speeds, told[6:] * (self.speeds + gain * apart))
+        seen = np.where(unseen, self.seen, self.time)
+        return Motion(self.time, T, values, told[:6] * twist, speeds, seen, covariance)
+
+
+def _surprises(size: int) -> Array:
+    return np.repeat([TURN_SURPRISE, SHIFT_SURPRISE, JOINT_SURPRISE], [3, 3, size - 6])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import time as clock
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ from pwralign_kin.estimation import Estimate, estimate
 from pwralign_kin.exceptions import PwralignError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, rotation_angle
 from pwralign_kin.state import State
+from pwralign_kin.tracking import local_search
 from pwralign_kin.tracking.motion import LONGEST, Motion
 from pwralign_kin.tracking.options import TrackerOptions
 
@@ -29,6 +31,9 @@ Frame = Scan | DepthFrame | NDArray[Any]
 LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
+MARGIN_SPEED = 0.4
+"""How much farther a frame is looked at for each second since the model was seen, model diagonals / s."""
+
 WIDE_SIGMA, WIDE_ITERATIONS, WIDER = 0.06, 4, 3.0
 """Robust scale at the start of a fit from far away, model diagonals, how many times more iterations it may take, and
 how many times less sure its start is."""
@@ -37,8 +42,10 @@ DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
 is not seen; a lost model is found above the third."""
 
-CLEAR = 0.9
-"""Shares of the points and of the visible surface that are explained when a given start is taken without a search."""
+CLEAR, STAYED = 0.9, 0.05
+"""Shares of the points and of the visible surface that are explained when a given start is taken without a search; of
+the points close to the model only, if no variable that the frame determines moved by more than the second (rad or model
+diagonals)."""
 
 PATIENCE = 3
 """Frames in a row without the model after which it is lost."""
@@ -55,6 +62,40 @@ not like a lost one; after many searches in vain the second is enough."""
 
 MOST_WAIT = 32
 """Frames between two searches for a lost model, at most; the wait doubles from search to search."""
+
+SUSPECT = 0.25
+"""A part is suspected when so much more of its points or of its visible surface than usual does not fit."""
+
+UNEXPLAINED = 0.05
+"""So is the model as a whole when so much more of the points than usual is unexplained."""
+
+FEW_POINTS, LITTLE_SURFACE = 8, 0.002
+"""Fewer points close to a part, or less visible surface (share of the model's), tell nothing about it."""
+
+UNDETERMINED = float(np.radians(2.5))
+"""A joint whose standard deviation is larger (rad; of slides this share of a diagonal) is undetermined."""
+
+TOLD, VAGUE = 0.75, float(np.radians(8.0))
+"""A frame tells a joint when it takes away this share of its variance and leaves a smaller deviation than the second;
+others keep their value."""
+
+SYSTEMATIC = 0.0009
+"""Models are no rounder or smoother than this (model diagonals): a joint that moves the surface that is seen by less
+may as well not have moved."""
+
+SWEEP_ROUNDS, SWEPT_DEVIATIONS, LEAST_SWEPT = 2, 2.5, 0.4
+"""Of the search about a suspected configuration: rounds over all variables, and the range of each, in its standard
+deviations and at least (rad; shifts a quarter of it)."""
+
+NEAR = 0.1
+"""Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
+
+BETTER, LEAST_GAIN = 0.15, 0.01
+"""What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
+of it at least."""
+
+MOST_DOUBT = 16
+"""Frames between two searches about a suspected configuration that found nothing, at most; the wait doubles."""
 
 FORGETTING = 0.02
 """Share of what is usual that each frame renews."""
@@ -80,6 +121,10 @@ class TrackedFrame:
     """Share of the surface facing the sensor, and not hidden, that the frame shows."""
     inlier_rmse: float
     """Of the distances of the explained points, m."""
+    std: Mapping[str, float]
+    """Standard deviation of each joint, rad or m; it grows while a joint is undetermined."""
+    undetermined: tuple[str, ...]
+    """Joints that the frame does not tell: they keep the value that was told last."""
     points: int
     """Points used."""
     iterations: int
@@ -101,6 +146,8 @@ class TrackedFrame:
             "scan_coverage": self.scan_coverage,
             "model_support": self.model_support,
             "inlier_rmse": self.inlier_rmse,
+            "std": dict(self.std),
+            "undetermined": list(self.undetermined),
             "points": self.points,
             "iterations": self.iterations,
             "seconds": self.seconds,
@@ -114,20 +161,27 @@ class _Fit:
     T: Array
     values: Array
     iterations: int = 0
+    rmse: float = 0.0
+    noise: float = 0.0
+    """Robust standard deviation of the distances of points close to the model."""
     coverage: float = 0.0
     agreement: float = 0.0
     """Share of the points that count for or against the model that it explains."""
-    rmse: float = 0.0
     visible: float = 0.0
     """Share of the facing surface that nothing hides."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
     points: int = 0
     """Points used."""
-    told: Array | None = None
-    """(6 + k,) share of each variable that the frame tells, not the prediction."""
-    information: Array | None = None
-    """(6 + k, 6 + k) inverse covariance, rad and model diagonals."""
+    strays: Array = field(default_factory=lambda: np.zeros(0))
+    """(parts,) share of the points close to each part that it does not explain; 0 where they are few."""
+    missing: Array = field(default_factory=lambda: np.zeros(0))
+    """(parts,) share of the visible surface of each part that the frame does not show; 0 where it is little."""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(6 + k, 6 + k) covariance, rad and model diagonals."""
+    levers: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
+    well as it can, model diagonals for each unit."""
 
 
 @dataclass(frozen=True)
@@ -137,23 +191,59 @@ class _Usual:
     coverage: float
     agreement: float
     support: float
+    noise: float
+    """Of the distances of points close to the model, model diagonals."""
     sigma: float
     """Robust scale at the end of a fit."""
+    strays: Array
+    missing: Array
     confidence: float
     """Of the estimate that found it."""
+
+    @classmethod
+    def of(cls, fit: _Fit, confidence: float) -> _Usual:
+        """Return what a first fit makes usual."""
+        return cls(
+            fit.coverage, fit.agreement, fit.support, fit.noise, _sigma(fit), fit.strays, fit.missing, confidence
+        )
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is little but the model: else what it does not explain does not speak against it."""
+        return self.coverage >= CLEAR
+
+    def misfit(self, fit: _Fit | _Usual) -> float:
+        """Return how much speaks against a fit."""
+        return 2.0 - fit.agreement - fit.support + (1.0 - fit.coverage if self.alone else 0.0)
+
+    @property
+    def tolerance(self) -> float:
+        """Distance within which the noise allows points of the model, model diagonals."""
+        return kernels.explained_within(self.noise)
 
     def quality(self, fit: _Fit) -> float:
         """Return how well a fit does beside the usual, from 0 to 1."""
         return float(np.clip(min(fit.agreement / self.agreement, fit.support / self.support), 0.0, 1.0))
 
+    def suspects(self, fit: _Fit) -> NDArray[np.bool_]:
+        """Return the parts (parts,) that fit clearly worse than usual."""
+        return np.asarray((fit.strays > self.strays + SUSPECT) | (fit.missing > self.missing + SUSPECT))
+
     def renewed(self, fit: _Fit) -> _Usual:
         """Return the usual after another good fit."""
+
+        def mixed(old: Any, new: Any) -> Any:
+            return old + FORGETTING * (new - old)
+
         return replace(
             self,
-            coverage=self.coverage + FORGETTING * (fit.coverage - self.coverage),
-            agreement=self.agreement + FORGETTING * (fit.agreement - self.agreement),
-            support=self.support + FORGETTING * (fit.support - self.support),
-            sigma=self.sigma + FORGETTING * (_sigma(fit) - self.sigma),
+            coverage=mixed(self.coverage, fit.coverage),
+            agreement=mixed(self.agreement, fit.agreement),
+            support=mixed(self.support, fit.support),
+            noise=mixed(self.noise, fit.noise),
+            sigma=mixed(self.sigma, _sigma(fit)),
+            strays=mixed(self.strays, fit.strays),
+            missing=mixed(self.missing, fit.missing),
         )
 
 
@@ -179,7 +269,11 @@ class Tracker:
         self._initial = initial
         if initial is not None:
             model.root_placement(initial), model.values(initial.joints)
+        self._free = ~np.isin(model.joint_names, self.options.estimator.locked)
+        self._most_doubt = (model.upper - model.lower) / self._unit / np.sqrt(12.0)
         self._native = self._kernel()
+        self._centre, self._viewed = np.zeros(3), False
+        self._doubt, self._doubted, self._vain = 1, 0, 0
         self._motion: Motion | None = None
         self._usual: _Usual | None = None
         self._missed = 0
@@ -238,57 +332,206 @@ class Tracker:
         T = self.model.root_placement(self._initial)
         motion = Motion.at_rest(time, T, self.model.values(self._initial.joints) / self._unit, time - LONGEST)
         self._motion = motion
-        fit = self._fitted(frame, motion, 2 * LEAST_SIGMA, np.inf, wide=True)
-        if min(fit.coverage, fit.support) >= CLEAR:
-            self._usual = _Usual(fit.coverage, fit.agreement, fit.support, _sigma(fit), 1.0)
+        self._look(frame, motion)
+        fit = self._fitted(motion, np.inf, wide=True)
+        clear = fit.coverage >= CLEAR or (fit.agreement >= CLEAR and self._stayed(fit, motion))
+        if clear and fit.support >= CLEAR:
+            self._usual = _Usual.of(fit, 1.0)
         return motion, fit
 
+    def _stayed(self, fit: _Fit, motion: Motion) -> bool:
+        """Return whether a fit is about where it started."""
+        turn = rotation_angle(fit.T[:3, :3] @ motion.T[:3, :3].T)
+        shift = float(np.linalg.norm((fit.T - motion.T)[:3, 3])) / self.model.diagonal
+        told = np.diag(fit.covariance)[6:] < UNDETERMINED**2
+        joints = np.abs(fit.values - motion.values)[told].max(initial=0.0)
+        return bool(max(turn, shift, joints) < STAYED)
+
     def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> _Fit:
-        """Fit the frame from where the model is expected; again from farther starts where that is doubtful."""
+        """Fit the frame from where the model is expected; where that is doubtful, from farther starts and searched."""
         limit = np.inf if self.options.time_limit is None else start + self.options.time_limit
-        if self._usual is None:
+        usual = self._usual
+        if usual is None:
             return _Fit(expected.T, expected.values)
-        fit = self._fitted(frame, expected, self._usual.sigma, limit)
-        if self._usual.quality(fit) >= DOUBTFUL or fit.visible == 0.0:
+        self._look(frame, expected)
+        fit = self._fitted(expected, limit)
+        freed = expected.held & ~self._untold(fit, expected)
+        if freed.any():
+            fit = self._freed(fit, expected, freed, limit)
+        if fit.visible == 0.0 or fit.points < LEAST_POINTS:
             return fit
-        for start_from in (expected, replace(before, time=expected.time)):
+        poor = usual.quality(fit) < DOUBTFUL
+        if poor:
+            for start_from in (expected, replace(before, time=expected.time, covariance=expected.covariance)):
+                if clock.perf_counter() >= limit:
+                    return fit
+                other = self._fitted(start_from, limit, wide=True)
+                if usual.misfit(other) < usual.misfit(fit):
+                    fit = other
+        return self._searched_about(fit, expected, limit)
+
+    def _searched_about(self, fit: _Fit, expected: Motion, limit: float) -> _Fit:
+        """Return what fits a frame better where parts of the model do not fit or have not been seen for a while.
+
+        The waits between two searches in vain double.
+        """
+        usual = self._usual
+        assert usual is not None
+        suspected = bool(usual.suspects(fit).any()) or (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED)
+        held = self._free & expected.held
+        if not suspected and not held.any():
+            self._doubt, self._doubted, self._vain = 1, 0, 0
+            return fit
+        self._doubted += 1
+        if self._doubted < self._doubt or clock.perf_counter() >= limit:
+            return fit
+        ranges = SWEPT_DEVIATIONS * expected.deviations
+        if suspected:
+            least = np.full(len(ranges), LEAST_SWEPT * (1 + self._vain))
+            least[3:6] *= 0.25
+            better = self._swept(fit, expected, np.maximum(ranges, least), limit)
+        else:
+            better = self._swept(fit, expected, np.where(np.r_[np.zeros(6, bool), held], ranges, 0.0), limit)
+        found = better is not fit
+        self._doubt, self._vain = (1, 0) if found else (min(2 * self._doubt, MOST_DOUBT), min(self._vain + 1, 3))
+        self._doubted = 0
+        return better
+
+    def _freed(self, fit: _Fit, expected: Motion, freed: NDArray[np.bool_], limit: float) -> _Fit:
+        """Return the fit once joints that were held, and that the frame tells, are looked for and fitted too."""
+        far = expected.deviations > NEAR
+        ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
+        T, values, _ = self._sweep(fit.T, fit.values, ranges, 1)
+        other = self._fitted(expected, limit, start=(T, values), held=expected.held & ~freed)
+        assert self._usual is not None
+        return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
+
+    def _swept(self, fit: _Fit, expected: Motion, ranges: Array, limit: float) -> _Fit:
+        """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
+        usual = self._usual
+        assert usual is not None
+        best, against = fit, usual.misfit(fit)
+        least = against - max(LEAST_GAIN, BETTER * (against - usual.misfit(usual)))
+        for T, values in ((fit.T, fit.values), (expected.T, expected.values)):
             if clock.perf_counter() >= limit:
                 break
-            other = self._fitted(frame, start_from, self._usual.sigma, limit, wide=True)
-            if self._usual.quality(other) > self._usual.quality(fit):
-                fit = other
-        return fit
+            T, values, gained = self._sweep(T, values, ranges, SWEEP_ROUNDS)
+            if not gained:
+                continue
+            held = expected.held & (ranges[6:] == 0.0)
+            other = self._fitted(expected, limit, wide=True, start=(T, values), held=held)
+            if usual.misfit(other) < least:
+                best, least = other, usual.misfit(other)
+        return best
 
-    def _fitted(self, frame: Frame, expected: Motion, sigma: float, limit: float, wide: bool = False) -> _Fit:
-        """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one."""
+    def _sweep(self, T: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
+        return local_search.swept(self._native, self._inward(T), values, ranges, rounds)
+
+    def _look(self, frame: Frame, expected: Motion) -> None:
+        """Look at a frame around an expected configuration."""
         native, model = self._native, self.model
-        centre = expected.T[:3, 3].copy()
-        base = expected.T.copy()
-        base[:3, 3] = 0.0
+        self._centre = expected.T[:3, 3].copy()
+        margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
         origin = _sensor(frame)
-        native.expect(base[None], expected.values, centre, model.diagonal, origin, self.options.margin)
+        self._viewed = len(origin) > 0
+        native.expect(self._inward(expected.T)[None], expected.values, self._centre, model.diagonal, origin, margin)
         if isinstance(frame, DepthFrame):
             native.look_at_depth(frame.depth, frame.intrinsics, frame.scale, frame.T_scan_camera[None])
         else:
             native.look_at_points(frame.points if isinstance(frame, Scan) else frame)
-        ahead = expected.time - expected.seen
-        first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * ahead, 2 * sigma, WIDE_SIGMA))
-        iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
-        sureness = expected.inverse_deviations() / (WIDER if wide else 1.0)
+
+    def _inward(self, T: Array) -> Array:
+        """Return a base placement in model diagonals about the centre of the frame."""
+        inside = T.copy()
+        inside[:3, 3] = (T[:3, 3] - self._centre) / self.model.diagonal
+        return inside
+
+    def _fitted(
+        self,
+        expected: Motion,
+        limit: float,
+        *,
+        wide: bool = False,
+        start: tuple[Array, Array] | None = None,
+        held: NDArray[np.bool_] | None = None,
+    ) -> _Fit:
+        """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one.
+
+        `start` is where to begin instead (base about the centre, in model diagonals, and values), `held` (k,) joints
+        that stay there, else those that are not told.
+        """
+        native = self._native
+        predicted = self._inward(expected.T)
+        base, values = (predicted, expected.values) if start is None else start
+        usual = self._usual
+        sigma, tolerance = (2 * LEAST_SIGMA, 0.0) if usual is None else (usual.sigma, usual.tolerance)
         if native.points < LEAST_POINTS:
-            visible, support = native.support(base[None], expected.values)
-            return _Fit(expected.T, expected.values, visible=visible, support=support, points=native.points)
-        seconds = limit - clock.perf_counter()
-        T, values, done, coverage, agreement, rmse = native.fit(
-            base[None], expected.values, base[None], expected.values, sureness, first, sigma, iterations, seconds
+            judged = native.judge(base[None], values, tolerance)
+            return _Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
+        if wide:
+            expected = expected.loosened(WIDER)
+        first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
+        iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
+        still = expected.held if held is None else held
+        believed: Array = np.asarray(np.linalg.inv(expected.covariance), float)
+        T, fitted, done, rmse = native.fit(
+            base[None],
+            values,
+            predicted[None],
+            expected.values,
+            believed,
+            still.astype(np.uint8),
+            first,
+            sigma,
+            iterations,
+            limit - clock.perf_counter(),
         )
-        visible, support = native.support(T[None], values)
-        if not len(origin):  # what is in front of the model, or behind it, cannot be told
+        information, doubt = native.information, np.diag(expected.covariance)[6:]
+        covariance: Array = np.asarray(np.linalg.inv(information), float)
+        # What the frame adds for a joint while all else is free, beside what it would add were all else known.
+        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / doubt, 0.0)
+        conditional = np.diag(information)[6:] - np.diag(believed)[6:]
+        levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
+        noise, tolerance, coverage, agreement, visible, support = native.judge(T[None], fitted, tolerance)
+        strays, missing = self._part_misfits()
+        if not self._viewed:  # what is in front of the model, or behind it, cannot be told
             agreement = coverage
-        T[:3, 3] = T[:3, 3] * model.diagonal + centre
+        T[:3, 3] = T[:3, 3] * self.model.diagonal + self._centre
         return _Fit(
-            T, values, done, coverage, agreement, rmse, visible, support, native.points, native.told, native.information
+            T=T,
+            values=fitted,
+            iterations=done,
+            rmse=rmse,
+            noise=noise,
+            coverage=coverage,
+            agreement=agreement,
+            visible=visible,
+            support=support,
+            points=native.points,
+            strays=strays,
+            missing=missing,
+            covariance=covariance,
+            levers=levers,
         )
+
+    def _part_misfits(self) -> tuple[Array, Array]:
+        """Return strays and missing (parts,) of the configuration judged last."""
+        native = self._native
+        strays, close = native.strays, native.strays + native.explained
+        visible = native.visible
+        missing = visible - native.shown
+        return (
+            np.where(close >= FEW_POINTS, strays / np.maximum(close, 1.0), 0.0),
+            np.where(visible >= LITTLE_SURFACE, missing / np.maximum(visible, 1e-9), 0.0),
+        )
+
+    def _untold(self, fit: _Fit, expected: Motion) -> NDArray[np.bool_]:
+        """Return the joints (k,) that a frame does not tell; those that are locked need not be told."""
+        if not fit.iterations:
+            return self._free
+        variance = np.diag(fit.covariance)[6:]
+        told = (variance < (1.0 - TOLD) * np.diag(expected.covariance)[6:]) | (variance < UNDETERMINED**2)
+        return np.asarray(self._free & ~(told & (variance < VAGUE**2)))
 
     def _accepts(self, fit: _Fit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""
@@ -349,7 +592,10 @@ class Tracker:
         values = self.model.values(answer.state.joints) / self._unit
         start = Motion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
         late = self.options.time_limit is not None  # the model has gone on since the frame that was searched
-        fit = self._fitted(frame, start, 2 * LEAST_SIGMA, np.inf, wide=late)
+        self._look(frame, start)
+        usual, self._usual = self._usual, None  # what was usual must not bias how the answer is fitted
+        fit = self._fitted(start, np.inf, wide=late)
+        self._usual = usual
         if fit.agreement == 0.0 or fit.support == 0.0:
             return None
         if self._usual is not None:
@@ -359,7 +605,7 @@ class Tracker:
             if not (sure and in_vain) and quality < (LOST if sure else FOUND):
                 return None
         self._motion = start
-        self._usual = _Usual(fit.coverage, fit.agreement, fit.support, _sigma(fit), answer.confidence)
+        self._usual = _Usual.of(fit, answer.confidence)
         return fit
 
     def _take(self, fit: _Fit, before: Motion, searched: bool) -> None:
@@ -367,10 +613,12 @@ class Tracker:
         assert self._motion is not None and self._usual is not None
         time = self._motion.time
         if searched or time == before.time or self.lost:
-            self._motion = Motion.at_rest(time, fit.T, fit.values, time)
+            self._motion = replace(Motion.at_rest(time, fit.T, fit.values, time), covariance=fit.covariance)
         else:
-            assert fit.told is not None
-            self._motion = self._motion.corrected(fit.T, fit.values, fit.told, self._turns / self._unit, before)
+            untold = self._untold(fit, self._motion)
+            self._motion = self._motion.corrected(
+                fit.T, fit.values, fit.covariance, untold, self._turns / self._unit, before
+            )
         if self._usual.quality(fit) >= DOUBTFUL:
             self._usual = self._usual.renewed(fit)
         self._missed, self._wait, self._waited, self._searches = 0, 1, 0, 0
@@ -379,6 +627,11 @@ class Tracker:
         assert self._motion is not None
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
         covariance = self._covariance(fit) if self.options.covariance and found else None
+        doubt = self._motion.deviations[6:]
+        if found:
+            systematic = SYSTEMATIC / np.maximum(fit.levers, 1e-9)
+            doubt = np.where(self._motion.held, doubt, np.hypot(doubt, systematic))
+        doubt = np.where(self._free, np.minimum(doubt, self._most_doubt), 0.0)
         return TrackedFrame(
             time=time,
             state=self._state(self._motion.T, self._motion.values),
@@ -391,13 +644,14 @@ class Tracker:
             points=fit.points,
             iterations=fit.iterations,
             seconds=clock.perf_counter() - start,
+            std=dict(zip(self.model.joint_names, (doubt * self._unit).tolist(), strict=True)),
+            undetermined=tuple(np.array(self.model.joint_names, object)[doubt > UNDETERMINED].tolist()),
             covariance=covariance,
         )
 
     def _covariance(self, fit: _Fit) -> Array:
-        assert fit.information is not None
         scale = np.r_[np.ones(3), np.full(3, self.model.diagonal), self._unit]
-        return np.asarray(np.linalg.inv(fit.information) * np.outer(scale, scale))
+        return np.asarray(fit.covariance * np.outer(scale, scale))
 
     def _state(self, T: Array, values: Array) -> State:
         model = self.model

@@ -33,8 +33,9 @@ def test_guesses_are_off_by_what_they_should_be(twins: ArticulatedModel) -> None
 def test_a_short_track_beside_a_rigid_alignment(twins: ArticulatedModel) -> None:
     pytest.importorskip("small_gicp", reason="the benchmark extra is not installed")
     frames = simulate_sequence(twins, 10, cameras=2, size=(80, 60), seed=1)
-    track = tracking.followed("twins", twins, "rig", frames)
-    assert track.frames == 10 and track.lost == 0
+    track = tracking.followed("twins", twins, "rig", frames, 30.0)
+    assert track.frames == 10 and track.lost == 0 and track.wrong == 0
+    assert track.sure_rmse <= track.joint_rmse + 1e-9 and 0.0 <= track.undetermined <= 1.0
     assert track.base_rmse < 3.0
     assert len(track.seconds) == len(track.rigid_seconds) == len(track.rigid_prepared_seconds) == 2
     steady = replace(track, seconds=(0.002, 0.002), rigid_seconds=(0.004, 0.001), rigid_prepared_seconds=(0.01, 0.01))

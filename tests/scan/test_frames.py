@@ -65,6 +65,19 @@ def test_a_file_that_is_one_scan_is_one_frame(tmp_path: Path) -> None:
     assert len(list(read_frames([tmp_path / "scan.npz"]))) == 1
 
 
+def test_clouds_of_too_few_points_are_frames_without_returns(tmp_path: Path) -> None:
+    for index, points in enumerate((_cloud(0), np.full((20, 3), np.nan), _cloud(0)[:3])):
+        np.save(tmp_path / f"{index}.npy", points)
+    counts = [len(_cloud(0)), 0, 3]
+    np.savez(tmp_path / "all.npz", counts=counts, points=np.concatenate([_cloud(0), _cloud(0)[:3]]))
+    named = [tmp_path / f"{index}.npy" for index in range(3)]
+    for files in (named, [tmp_path / "all.npz"]):
+        frames = [frame for _, frame in read_frames(files)]
+        assert [len(frame.points) if isinstance(frame, Scan) else frame.shape for frame in frames] == [
+            len(_cloud(0)), (0, 3), (0, 3),
+        ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("arrays", "fault"),
     [

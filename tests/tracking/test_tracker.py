@@ -8,11 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
+from scipy.spatial import cKDTree
 
 import pwralign_kin as pk
 from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
-from pwralign_kin.se3 import exp, inverse, rotation_angle
-from pwralign_kin.simulation import SimulatedFrame
+from pwralign_kin.se3 import exp, inverse, rotation_angle, transform
+from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
+from pwralign_kin.simulation.sequences import Motion as FastMotion
 from pwralign_kin.tracking import Frame
 from pwralign_kin.tracking.motion import Motion
 from pwralign_kin.tracking.tracker import PATIENCE
@@ -153,10 +156,54 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
     for index in range(1, 40):
         expected = motion.predicted(index / 30)
-        true = Motion(0.0, np.eye(4), np.zeros(2), twist, speeds, 0.0).predicted(index / 30)
-        motion = expected.corrected(true.T, true.values, np.ones(8), np.full(2, np.inf), motion)
+        true = replace(Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0), twist=twist, speeds=speeds).predicted(
+            index / 30
+        )
+        told = (1e-6 * np.eye(8), np.zeros(2, bool))
+        motion = expected.corrected(true.T, true.values, *told, np.full(2, np.inf), motion)
     np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
     np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
     ahead = motion.predicted(motion.time + 0.1)
     moved = exp(0.1 * twist)[:3, :3]
     assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
+
+
+def test_a_joint_that_is_hidden_is_held_and_called_undetermined(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracked = [tracker.update(moving[0].images[0], 0.0)]
+    assert "elbow" not in tracked[0].undetermined
+    tracked += [tracker.update(_forearm_hidden(arm, frame), frame.time) for frame in moving[1:15]]
+    assert all("elbow" in frame.undetermined for frame in tracked[3:])
+    moves = [abs(one.state.joints["elbow"] - other.state.joints["elbow"]) for one, other in pairwise(tracked[8:])]
+    assert max(moves) < np.radians(1.0)
+    assert tracked[-1].std["elbow"] > tracked[3].std["elbow"] > tracked[0].std["elbow"]
+    assert not tracked[-1].lost
+    again = [tracker.update(frame.images[0], frame.time) for frame in moving[15:]]
+    assert "elbow" not in again[-1].undetermined
+    assert _errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
+
+
+def test_few_frames_of_a_fast_motion_are_followed(arm: pk.ArticulatedModel) -> None:
+    frames = simulate_sequence(arm, 16, FastMotion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
+    tracker: pk.Tracker | None = None
+    for frame in frames:
+        tracker = tracker or pk.Tracker(arm, initial=frame.state)
+        tracked = tracker.update(frame.images[0], frame.time)
+        assert not tracked.lost
+        joints, base = _errors(arm, tracked.state, frame.state)
+        assert joints < 8.0 and base < 0.005
+
+
+def _forearm_hidden(arm: pk.ArticulatedModel, frame: SimulatedFrame) -> pk.DepthFrame:
+    """The image with something in front of all pixels that show the part beyond the elbow, and some around them."""
+    image = frame.images[0]
+    scan = image.to_scan()
+    placed = arm.root_placement(frame.state) @ arm.part_placements(arm.values(frame.state.joints))
+    distances = []
+    for T, surface in zip(placed, arm.surfaces, strict=True):
+        samples = transform(T, surface.dense.astype(float) * arm.diagonal)
+        distances.append(cKDTree(samples).query(scan.points)[0])
+    shown = np.zeros(image.depth.shape, bool)
+    shown[image.depth > 0.0] = np.argmin(distances, axis=0) == len(distances) - 1
+    covered = binary_dilation(shown, iterations=12)
+    return replace(image, depth=np.where(covered, 0.5 * image.depth[shown].min(), image.depth))
