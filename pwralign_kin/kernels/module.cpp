@@ -436,7 +436,7 @@ void bind_search(nb::module_ &m) {
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
-                    const Assignment piece = self.assign(vectors(points) + from, size, 1, T.data(), used.data(), cap);
+                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, T.data(), used.data(), cap);
                     std::copy(piece.distance.begin(), piece.distance.end(), a.distance.begin() + from);
                     std::copy(piece.part.begin(), piece.part.end(), a.part.begin() + from);
                     std::copy(piece.sample.begin(), piece.sample.end(), a.sample.begin() + from);

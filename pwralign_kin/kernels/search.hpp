@@ -1,6 +1,7 @@
 // The search of one model in one scan: part hypotheses, growth through the tree, two-way score, batch refinement.
 #pragma once
 #include "articulated.hpp"
+#include "closest_parts.hpp"
 #include "parallel.hpp"
 #include "prior.hpp"
 #include "scan_field.hpp"
@@ -54,6 +55,22 @@ struct Configuration {
 struct Assignment {
     std::vector<float> distance;
     std::vector<int> part, sample; // -1 beyond the cap
+};
+
+// Some points, in the order of a sample and once more in that of their neighbourhood.
+struct PointSample {
+    std::vector<OrientedPoint> points;
+    BalledPoints balled;
+};
+
+// What is nearest to each of some balled points so far.
+struct Nearest {
+    float cap;
+    std::vector<float> distance; // with `lane_count` more behind them
+    std::vector<int> part, sample; // -1 beyond the cap
+    std::vector<CloseSample> close; // memory that is used again
+
+    Nearest(int64_t count, float cap);
 };
 
 struct SweepTask {
@@ -125,10 +142,9 @@ class Search {
     std::vector<Normal> normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
                                          float sigma, float cap, float support_weight, const float *part_weights,
                                          std::vector<int> &counts) const;
-    Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
-                      float cap) const;
-    // Offer further parts to an assignment.
-    void assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const;
+    Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;
+    // Offer the parts in `mask` to points, in the order of their neighbourhood.
+    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const;
 
     const Articulated &model;
     const ScanField &field;
@@ -173,26 +189,27 @@ class Search {
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
     float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
+    float gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
-    std::vector<OrientedPoint> sample_of_points(int most) const;
+    PointSample sample_of_points(int most) const;
     float total_score(float covered, const float *support) const;
     std::vector<uint8_t> joined_parts() const;
     float overlap(const std::vector<RigidF> &T) const;
     // What speaks against a configuration, whatever the scan.
     float cost(const Configuration &c, const std::vector<RigidF> &T) const;
-    void pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
+    void pull_to_model(const PointSample &sampled, float share, const std::vector<Rigid> &T, float sigma,
                        float cap, std::vector<Normal> &normal, int *counts) const;
     void pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
                       std::vector<Normal> &normal) const;
-    void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
+    void refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
-    std::vector<int> shuffled;
+    std::vector<int> shuffled, rank; // rank: the place of each point in it
 };
 
 } // namespace pwr

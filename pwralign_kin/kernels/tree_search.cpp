@@ -37,10 +37,13 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     std::iota(shuffled.begin(), shuffled.end(), 0);
     for (size_t i = shuffled.size(); i > 1; --i) std::swap(shuffled[i - 1], shuffled[random.below(uint32_t(i))]);
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return field.region[k] >= 0; });
+    rank.resize(shuffled.size());
+    for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
 }
 
 void Search::look_first(const std::vector<uint8_t> &marked) {
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return marked[k]; });
+    for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
 }
 
 bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
@@ -226,6 +229,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) co
 
 std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                           int keep) const {
+    const BalledPoints points(&field.points[0].p, 2, field.curve);
     std::vector<std::vector<Configuration>> grown(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t i) {
         const RegrowTask &task = tasks[i];
@@ -243,7 +247,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
                 if (!moves && p > 0 && p != cut) start.known[model.actuated[p]] = 1;
             }
             const int64_t count = int64_t(field.points.size());
-            const Assignment a = assign(&field.points[0].p, count, 2, start.T.data(), fixed.data(), options.band);
+            const Assignment a = assign(points, start.T.data(), fixed.data(), options.band);
             point_weights.resize(count);
             for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
         }
