@@ -195,6 +195,9 @@ class Search:
     def distinct_parts(
         self, parts: NDArray[np.int32], placements: NDArray[np.float64], keep: int, radius: float
     ) -> NDArray[np.int32]: ...
+    def distinct_configurations(
+        self, bases: NDArray[np.float64], values: NDArray[np.float64], keep: int, apart: float
+    ) -> NDArray[np.int32]: ...
     def grow(
         self, parts: NDArray[np.int32], placements: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...

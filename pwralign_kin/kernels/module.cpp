@@ -338,6 +338,15 @@ void bind_search(nb::module_ &m) {
         .def("distinct_parts", [](const Search &self, Ints parts, Placements placements, int keep, float radius) {
             return to_numpy(self.distinct(read_hypotheses(self.model, parts, placements), keep, radius));
         }, "parts"_a, "placements"_a, "keep"_a, "radius"_a)
+        .def("distinct_configurations", [](const Search &self, Placements bases, Matrix values, int keep, float apart) {
+            const auto configurations = read_configurations(self.model, bases, values);
+            std::vector<int> kept;
+            {
+                nb::gil_scoped_release release;
+                kept = self.distinct(configurations, keep, apart);
+            }
+            return to_numpy(std::move(kept));
+        }, "bases"_a, "values"_a, "keep"_a, "apart"_a)
         .def("grow", [](const Search &self, Ints parts, Placements placements) {
             auto roots = read_hypotheses(self.model, parts, placements);
             std::vector<Configuration> grown;

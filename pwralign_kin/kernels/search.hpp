@@ -119,6 +119,8 @@ class Search {
     void refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const;
     // Indices of hypotheses (in order) that differ from all before by more than `radius`, the first `keep` of a part.
     std::vector<int> distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const;
+    // The same of configurations, whose surfaces must differ by more than `apart` on average; the first `keep` of all.
+    std::vector<int> distinct(const std::vector<Configuration> &configurations, int keep, float apart) const;
     // The best configuration grown from each placed part.
     std::vector<Configuration> grow(const std::vector<Hypothesis> &roots) const;
     // The best `keep` configurations of each task, in task order.

@@ -212,6 +212,32 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
     return states;
 }
 
+std::vector<int> Search::distinct(const std::vector<Configuration> &configurations, int keep, float apart) const {
+    constexpr int probes = 12; // of each part
+    std::vector<int> kept;
+    std::vector<std::vector<Vec>> seen;
+    std::vector<Rigid> T(model.parts);
+    for (size_t c = 0; c < configurations.size() && int(kept.size()) < keep; ++c) {
+        model.forward(configurations[c].base, configurations[c].values.data(), T.data());
+        std::vector<Vec> placed;
+        for (int p = 0; p < model.parts; ++p) {
+            const Surface &s = model.surface[p];
+            const RigidF F = to_float(T[p]);
+            for (int i = 0; s.exists && i < s.count(probes); ++i) placed.push_back(apply(F, s.p[i]));
+        }
+        const double enough = double(apart) * placed.size();
+        const bool is_new = std::all_of(seen.begin(), seen.end(), [&](const std::vector<Vec> &other) {
+            double sum = 0;
+            for (size_t i = 0; i < placed.size() && sum <= enough; ++i) sum += norm(placed[i] - other[i]);
+            return sum > enough;
+        });
+        if (!is_new) continue;
+        kept.push_back(int(c));
+        seen.push_back(std::move(placed));
+    }
+    return kept;
+}
+
 std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) const {
     std::vector<Configuration> out(roots.size());
     std::vector<float> weights;
