@@ -40,6 +40,8 @@ class RepairOptions:
     many moves that change next to nothing, ..."""
     hopeful: float = 0.08
     """... if they score, before that, no worse than the best solution by more than this."""
+    swept_bases: int = 16
+    """Joints that all the rest is swept about, those first that most of the model's surface hangs on."""
     turned_parts: int = 3
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
@@ -135,7 +137,7 @@ def repair_moves(
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if foremost:
-        moves.append(_swept(search, solution))
+        moves.append(_swept(search, solution, options.swept_bases))
     if turn:
         moves += _turned(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
@@ -205,18 +207,27 @@ def _regrow(
     )  # fmt: skip
 
 
-def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
-    """Sweep every joint, once with what hangs on it moving and once with all the rest, and compound joints whole.
+def _swept(search: TreeSearch, solution: Candidates, bases: int) -> Candidates:
+    """Sweep every joint with what hangs on it moving, some with all the rest, and compound joints whole.
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
-    joints = solution.values.shape[1]
-    alone = np.tile(np.arange(joints, dtype=np.int32), 2)
+    every = np.arange(solution.values.shape[1], dtype=np.int32)
+    held = np.sort(np.argsort(-_hanging(search, len(every)), kind="stable")[:bases]).astype(np.int32)
     first, second = _compound_joints(search)
-    joint, with_joint = np.concatenate([alone, first]), np.concatenate([np.full_like(alone, -1), second])
+    joint = np.concatenate([every, held, first])
+    with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
     base_moves = np.zeros(len(joint), bool)
-    base_moves[joints : 2 * joints] = True
+    base_moves[len(every) : len(every) + len(held)] = True
     return search.swept(solution, joint, base_moves, 3, with_joint)
+
+
+def _hanging(search: TreeSearch, joints: int) -> NDArray[np.float64]:
+    """Return per actuated joint (k,) the share of the model's surface that hangs on it."""
+    surface = _subtrees(search) @ (search.weights * search.exists)
+    hanging = np.zeros(joints)
+    np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
+    return hanging
 
 
 def _compound_joints(search: TreeSearch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -50,7 +50,7 @@ float Search::gain(int point, int part, int sample, float from_part, const std::
 // collapse onto each other.
 float Search::exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(100);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for (int i = 0; i < count; i += lane_count) {
@@ -69,7 +69,7 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
 // scan without matching it. A reward would favour poses that merely show more surface.
 float Search::violation(int part, const RigidF &T, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(100);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for (int i = 0; i < count; i += lane_count) {

@@ -210,6 +210,7 @@ class Search {
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
+    int support_samples;         // of each part that tell its support
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it
 };

@@ -31,6 +31,11 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
         }
     }
     joined = joined_parts();
+    // Whole models are scored by some thousand samples, however many their parts.
+    constexpr int samples_of_part = 100, samples_of_model = 3200, fewest = 24;
+    int with_surface = 1;
+    for (const Surface &s : model.surface) with_surface += s.exists;
+    support_samples = std::clamp(samples_of_model / with_surface, fewest, samples_of_part);
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
     shuffled.resize(field.points.size());
