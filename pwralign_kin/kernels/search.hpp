@@ -184,10 +184,10 @@ class Search {
                        std::vector<double> &values) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
-    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, bool leads_somewhere,
+    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, float leads_to,
                                     const Growth &growth) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
-    bool leads_to_surface(int node, int previous, const float *part_weights) const;
+    float surface_beyond(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
     float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;

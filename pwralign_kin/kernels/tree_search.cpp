@@ -51,11 +51,12 @@ void Search::look_first(const std::vector<uint8_t> &marked) {
     for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
 }
 
-bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
-    if (model.surface[node].exists && part_weights[node] > 0) return true;
+// Weight of the surface of a part and all that is reached from it, but for one neighbour's side.
+float Search::surface_beyond(int node, int previous, const float *part_weights) const {
+    float sum = model.surface[node].exists ? part_weights[node] : 0.f;
     for (const Edge &e : edges[node])
-        if (e.to != previous && leads_to_surface(e.to, node, part_weights)) return true;
-    return false;
+        if (e.to != previous) sum += surface_beyond(e.to, node, part_weights);
+    return sum;
 }
 
 std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis) {
@@ -84,7 +85,7 @@ std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, 
 
 // Sweep the joint of `edge` in every state; the best of all states and modes survive.
 std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &states, int node, Edge edge,
-                                                bool leads_somewhere, const Growth &growth) const {
+                                                float leads_to, const Growth &growth) const {
     struct Candidate {
         int state;
         double value, score;
@@ -96,6 +97,12 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     const int joint = model.actuated[edge.joint];
     const Surface &s = model.surface[edge.to];
     const float weight = growth.part_weights[edge.to];
+    // Wide beams are for what holds a good deal of the surface: little can be won at fingers.
+    constexpr float little = .03f;
+    constexpr int narrow_beam = 8, narrow_modes = 5;
+    const bool leads_somewhere = leads_to > 0, is_narrow = leads_to < little;
+    const int beam = is_narrow ? std::min(options.beam, narrow_beam) : options.beam;
+    const int most_modes = is_narrow ? std::min(options.modes, narrow_modes) : options.modes;
     const bool scored = s.exists && weight > 0;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     auto damped = [&](float score) {
@@ -127,7 +134,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             // Only the promising half of the values sees all samples.
             order.resize(steps);
             std::iota(order.begin(), order.end(), 0);
-            const int full = std::max(std::min(steps, 2 * options.modes), steps / 2);
+            const int full = std::max(std::min(steps, 2 * most_modes), steps / 2);
             std::nth_element(order.begin(), order.begin() + (full - 1), order.end(),
                              [&](int a, int b) { return early[a] != early[b] ? early[a] > early[b] : a < b; });
             for (int v = 0; v < steps; ++v) row[v] = early[v] / std::max(1e-9f, s.cumulated[first]) - 1.f;
@@ -141,7 +148,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             row[v] -= prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
         int modes, window;
         if (!leads_somewhere) modes = 1, window = 0;
-        else if (scored) modes = std::min(options.modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        else if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
         else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
         if (!leads_somewhere) {
             // Nothing to see on that side: keep the prior value.
@@ -154,7 +161,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
     sort_by_score(candidates);
-    if (int(candidates.size()) > options.beam) candidates.resize(options.beam);
+    if (int(candidates.size()) > beam) candidates.resize(beam);
     std::vector<Partial> next;
     next.reserve(candidates.size());
     for (const Candidate &c : candidates) {
@@ -208,7 +215,7 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             break;
         }
         const Edge edge = onward.front();
-        states = cross_edge(states, node, edge, leads_to_surface(edge.to, node, growth.part_weights), growth);
+        states = cross_edge(states, node, edge, surface_beyond(edge.to, node, growth.part_weights), growth);
         previous = node;
         node = edge.to;
         only = -1;
