@@ -19,7 +19,7 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 
-NEIGHBOURHOODS = 500
+NEIGHBOURHOODS = 1000
 """Points about which noise is measured."""
 NEIGHBOURS = np.array([6, 7, 8, 10, 12])
 """Counts of neighbours that it is measured with; twice as many where the fewest lie in a blob, ..."""
