@@ -70,6 +70,7 @@ class _Follower:
         self.values = final.values[0]
         self.lower, self.upper = (np.asarray(limit) for limit in search.model.limits)
         self.chains = _chains(model)
+        self.looks: dict[tuple[int, int], Array] = {}
 
     def follow(self, seed: int, placement: Array) -> Array | None:
         """Return the joint values (k,) that bring all surface back onto that of the answer; None where none do."""
@@ -81,10 +82,7 @@ class _Follower:
                 if origin not in (chain.above, chain.below) or chain.other(origin) in placed:
                     continue
                 part = chain.other(origin)
-                several = [
-                    (place, self.places[place] @ self.symmetry.replacements(part, place))
-                    for place in self._places_for(part, taken)
-                ]
+                several = [(place, self._looking_as(part, place)) for place in self._places_for(part, taken)]
                 if not several:
                     return None
                 placements = np.concatenate([own for _, own in several])
@@ -100,6 +98,12 @@ class _Follower:
                 taken.add(np.repeat([place for place, _ in several], [len(own) for _, own in several])[chosen])
                 front.append(part)
         return values if len(placed) == int((self.symmetry.kind >= 0).sum()) else None
+
+    def _looking_as(self, part: int, place: int) -> Array:
+        """Return the placements (m, 4, 4) of `part` that look as the answer's part `place` does."""
+        if (part, place) not in self.looks:
+            self.looks[part, place] = self.places[place] @ self.symmetry.replacements(part, place)
+        return self.looks[part, place]
 
     def _places_for(self, part: int, taken: set[int]) -> list[int]:
         """Return the free places of parts that look like `part`, its own first."""

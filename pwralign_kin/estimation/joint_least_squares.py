@@ -34,6 +34,9 @@ MOSTLY_SHARED = 3.0
 frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
 ACROSS = 0.005
 """Noise (model diagonals) from which it takes points across thin parts."""
+ONE_THREAD = 2**18
+"""Multiplications of a matrix product up to which OpenBLAS leaves it to one thread: more of them gain nothing here, and
+wait for each other where other work holds the processor."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -283,7 +286,12 @@ class JointLeastSquares:
 def normal_matrix(J: Array, information: Array) -> Array:
     """Return the sum over parts of J' information J (n, n); `J` (parts, 6, n), `information` (parts, 6, 6)."""
     size = J.shape[2]
-    return np.asarray(J.reshape(-1, size).T @ (information @ J).reshape(-1, size))
+    rows, weighted = J.reshape(-1, size), (information @ J).reshape(-1, size)
+    piece = max(6, ONE_THREAD // size**2)
+    H = np.zeros((size, size))
+    for first in range(0, len(rows), piece):
+        H += rows[first : first + piece].T @ weighted[first : first + piece]
+    return H
 
 
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:

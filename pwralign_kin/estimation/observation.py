@@ -19,8 +19,10 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 
+NEIGHBOURHOODS = 1000
+"""Points about which noise is measured."""
 NEIGHBOURS = np.array([6, 7, 8, 10, 12])
-"""Counts of neighbours that noise is measured with; twice as many where the fewest lie in a blob, ..."""
+"""Counts of neighbours that it is measured with; twice as many where the fewest lie in a blob, ..."""
 FLAT = 1.9
 """... not this much wider (rms) than thick, and then half of the points, ..."""
 FEWEST = 2000
@@ -152,7 +154,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw if origin is not None else np.zeros((0, 3), np.float32),
         options.depth_pixel, options.depth_tolerance, options.shadow, threads,
     )  # fmt: skip
-    given, given_normals = as_given(raw, cell, points, normals, options, threads)
+    given, given_normals = as_given(raw, cell, field, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
         noise, origin, field, centre, diagonal,
@@ -198,9 +200,9 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], points: Float, normals: Float, options: ObservationOptions, threads: int
+    raw: Float, cell: NDArray[np.int32], field: Any, normals: Float, options: ObservationOptions
 ) -> tuple[Float, Float]:
-    """Return raw points, few of each occupied `cell`, with the normals of the nearest prepared points.
+    """Return raw points, few of each occupied `cell`, with the normals of the prepared points that `field` finds near.
 
     Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
     """
@@ -210,9 +212,9 @@ def as_given(
     rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
     chosen = by_cell[rank < options.given_per_cell]
     given = raw[chosen]
-    distance, nearest = kernels.nearest_neighbours(points, given, 1, threads)
-    near = distance[:, 0] < options.stray_distance
-    return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near, 0]])
+    nearest = field.nearest(given)
+    near = nearest >= 0
+    return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
 
 def noise_of(points: Float, threads: int) -> float:
@@ -226,7 +228,7 @@ def noise_of(points: Float, threads: int) -> float:
     if len(points) < most:
         return 0.0
     while True:
-        chosen = np.random.default_rng(0).choice(len(points), min(1000, len(points)), replace=False)
+        chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
         near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
         for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
             across, along = _variances(near, counts)

@@ -40,6 +40,8 @@ class RepairOptions:
     many moves that change next to nothing, ..."""
     hopeful: float = 0.08
     """... if they score, before that, no worse than the best solution by more than this."""
+    held_limbs: int = 16
+    """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
     turned_parts: int = 3
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
@@ -135,7 +137,7 @@ def repair_moves(
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if foremost:
-        moves.append(_swept(search, solution))
+        moves.append(_swept(search, solution, options.held_limbs))
     if turn:
         moves += _turned(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
@@ -171,13 +173,14 @@ def _regrown(
             above = np.zeros(count, bool)
             above[parent[1:][near[1:]]] = True
             near |= above
+    is_limb = _among_largest(search, options.held_limbs)[search.model.actuated]
     starts, nexts = [], []
     for i in range(1, count):
         for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):
             outward = following == i
             if outward and not near[i]:
                 continue
-            if not outward and count > 10 and not (support[i] > usual and bad[parent[i]]):
+            if not outward and count > 10 and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
                 continue
             if not (exists & side).any() or not (exists & ~side).any() or not (bad | missing)[side].any():
                 continue
@@ -205,18 +208,29 @@ def _regrow(
     )  # fmt: skip
 
 
-def _swept(search: TreeSearch, solution: Candidates) -> Candidates:
-    """Sweep every joint, once with what hangs on it moving and once with all the rest, and compound joints whole.
+def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candidates:
+    """Sweep every joint with what hangs on it moving, some with all the rest, and compound joints whole.
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
-    joints = solution.values.shape[1]
-    alone = np.tile(np.arange(joints, dtype=np.int32), 2)
+    every = np.arange(solution.values.shape[1], dtype=np.int32)
+    held = np.flatnonzero(_among_largest(search, held_limbs)).astype(np.int32)
     first, second = _compound_joints(search)
-    joint, with_joint = np.concatenate([alone, first]), np.concatenate([np.full_like(alone, -1), second])
+    joint = np.concatenate([every, held, first])
+    with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
     base_moves = np.zeros(len(joint), bool)
-    base_moves[joints : 2 * joints] = True
+    base_moves[len(every) : len(every) + len(held)] = True
     return search.swept(solution, joint, base_moves, 3, with_joint)
+
+
+def _among_largest(search: TreeSearch, count: int) -> Bool:
+    """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
+    surface = _subtrees(search) @ (search.weights * search.exists)
+    hanging = np.zeros(len(search.neutral))
+    np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
+    chosen = np.zeros(len(hanging), bool)
+    chosen[np.argsort(-hanging, kind="stable")[:count]] = True
+    return chosen
 
 
 def _compound_joints(search: TreeSearch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -173,7 +173,7 @@ def _observed(
     of_model = np.zeros(len(points), bool)
     of_model[kept[~planes]] = True
     mine = of_model[cell]
-    given, given_normals = preparation.as_given(raw[mine], cell[mine], kept_points, normals, preparing, threads)
+    given, given_normals = preparation.as_given(raw[mine], cell[mine], field, normals, preparing)
     return Observation(
         kept_points, normals, preparation.at_most(raw, preparing.most_raw), given, given_normals, weight, area, region,
         True, spacing, noise, origin, field, centre, diagonal,

@@ -370,15 +370,7 @@ class TreeSearch:
     def distinct(self, candidates: Candidates, count: int, apart: float) -> Candidates:
         """Return the best `count` candidates whose surfaces differ by more than `apart` on average."""
         ordered = candidates.best_first()
-        positions = self.probe_positions(ordered)
-        kept: list[int] = []
-        for i in range(len(ordered)):
-            if len(kept) == count:
-                break
-            distances = np.linalg.norm(positions[kept] - positions[i], axis=-1).mean(axis=-1)
-            if (distances > apart).all():
-                kept.append(i)
-        return ordered.take(np.array(kept, int))
+        return ordered.take(self.native.distinct_configurations(ordered.bases, ordered.values, count, apart))
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""

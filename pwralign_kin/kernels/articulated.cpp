@@ -81,24 +81,31 @@ void Articulated::forward(const Rigid &base, const double *values, Rigid *T) con
     for (int i = 1; i < parts; ++i) T[i] = T[parent[i]] * joint_placement(i, values[actuated[i]]);
 }
 
+void Articulated::forward(const Rigid &base, const double *values, const std::vector<int> &some, Rigid *T) const {
+    T[0] = base;
+    for (const int i : some) T[i] = T[parent[i]] * joint_placement(i, values[actuated[i]]);
+}
+
+void Articulated::joint_twist(int part, const Rigid *T, const double *c, double *twist) const {
+    const double *R = T[part].R, *a = &axis[3 * part];
+    double world[3];
+    for (int r = 0; r < 3; ++r)
+        world[r] = multiplier[part] * (R[3 * r] * a[0] + R[3 * r + 1] * a[1] + R[3 * r + 2] * a[2]);
+    if (prismatic[part]) {
+        twist[0] = twist[1] = twist[2] = 0;
+        std::copy(world, world + 3, twist + 3);
+    } else {
+        const double o[3] = {T[part].t[0] - c[0], T[part].t[1] - c[1], T[part].t[2] - c[2]};
+        std::copy(world, world + 3, twist);
+        twist[3] = o[1] * world[2] - o[2] * world[1];
+        twist[4] = o[2] * world[0] - o[0] * world[2];
+        twist[5] = o[0] * world[1] - o[1] * world[0];
+    }
+}
+
 void Articulated::joint_twists(const Rigid *T, const double *c, double *twists) const {
     std::fill(twists, twists + 6, 0.);
-    for (int i = 1; i < parts; ++i) {
-        const double *R = T[i].R, *a = &axis[3 * i];
-        double *S = twists + 6 * i, world[3];
-        for (int r = 0; r < 3; ++r)
-            world[r] = multiplier[i] * (R[3 * r] * a[0] + R[3 * r + 1] * a[1] + R[3 * r + 2] * a[2]);
-        if (prismatic[i]) {
-            S[0] = S[1] = S[2] = 0;
-            std::copy(world, world + 3, S + 3);
-        } else {
-            const double o[3] = {T[i].t[0] - c[0], T[i].t[1] - c[1], T[i].t[2] - c[2]};
-            std::copy(world, world + 3, S);
-            S[3] = o[1] * world[2] - o[2] * world[1];
-            S[4] = o[2] * world[0] - o[0] * world[2];
-            S[5] = o[0] * world[1] - o[1] * world[0];
-        }
-    }
+    for (int i = 1; i < parts; ++i) joint_twist(i, T, c, twists + 6 * i);
 }
 
 void Articulated::compose(Normal *normal, const double *twists, double *H, double *g) const {

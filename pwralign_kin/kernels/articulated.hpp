@@ -73,12 +73,16 @@ class Articulated {
     // Placement of a part in its parent for an actuated value.
     Rigid joint_placement(int part, double value) const;
     void forward(const Rigid &base, const double *values, Rigid *T) const;
+    // The same of `some` parts only, each after its parent unless that is the root.
+    void forward(const Rigid &base, const double *values, const std::vector<int> &some, Rigid *T) const;
     // Whether `descendant` is `part` or below it.
     bool below(int descendant, int part) const {
         while (descendant > part) descendant = parent[descendant];
         return descendant == part;
     }
-    // World twists of every part's joint about the point c, (parts, 6); the root's are zero.
+    // World twist of a part's joint about the point c, (6).
+    void joint_twist(int part, const Rigid *T, const double *c, double *twist) const;
+    // Those of all parts, (parts, 6); the root's is zero.
     void joint_twists(const Rigid *T, const double *c, double *twists) const;
     // Add the normal equations of the parts to those of base and joints (6 + joints), accumulated from the leaves (as in
     // Featherstone's composite-rigid-body algorithm). Those of the base itself stay in normal[0], complete.

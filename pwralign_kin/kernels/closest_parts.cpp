@@ -1,21 +1,62 @@
 #include "closest_parts.hpp"
+#include <numeric>
 
 namespace pwr {
 
+static std::vector<int> as_given(int64_t count) {
+    std::vector<int> order(count);
+    std::iota(order.begin(), order.end(), 0);
+    return order;
+}
+
+BalledPoints::BalledPoints(const Vec *given, int64_t stride, int64_t count) : BalledPoints(given, stride, as_given(count)) {}
+
+BalledPoints::BalledPoints(const Vec *given, int64_t stride, std::vector<int> order_of_points) : order(std::move(order_of_points)) {
+    const int64_t count = int64_t(order.size());
+    for (int64_t first = 0; first < count; first += lane_count) {
+        const int64_t last = std::min(count, first + lane_count);
+        Vec centre{0, 0, 0};
+        for (int64_t i = first; i < last; ++i) {
+            const Vec p = given[order[i] * stride];
+            points.push(p);
+            centre = centre + (1.f / (last - first)) * p;
+        }
+        float squared = 0;
+        for (int64_t i = first; i < last; ++i) {
+            const Vec d = given[order[i] * stride] - centre;
+            squared = std::max(squared, dot(d, d));
+        }
+        centres.push(centre);
+        radii.push_back(std::sqrt(squared));
+    }
+    radii.resize(radii.size() + lane_count, 0.f);
+}
+
+namespace {
+
+// Squared distances of local positions from the part's box.
+FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
+    const VecLanes out{max_lanes(abs_lanes(local.x - s.middle.x) - s.half.x, FloatLanes{}),
+                       max_lanes(abs_lanes(local.y - s.middle.y) - s.half.y, FloatLanes{}),
+                       max_lanes(abs_lanes(local.z - s.middle.z) - s.half.z, FloatLanes{})};
+    return dot(out, out);
+}
+
 // Three passes that do not wait for memory: the part's box tells most points apart; the others' cells are fetched, then
 // the samples that these name.
-void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
-                int *sample, std::vector<CloseSample> &close) {
-    if (int64_t(close.size()) < points.size) close.resize(points.size);
-    int found = 0, named = 0;
-    for (int64_t block = 0; block < points.size; block += lane_count) {
+class Offer {
+  public:
+    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, std::vector<CloseSample> &close)
+        : s(s), T(T), points(points), close(close) {
+        if (int64_t(close.size()) < points.size) close.resize(points.size);
+    }
+
+    // Look at the points from `block` on, `lane_count` of them.
+    void look(int64_t block, const float *best) {
         const VecLanes local = apply_inverse(T, points.at(block));
-        const VecLanes out{max_lanes(abs_lanes(local.x - s.middle.x) - s.half.x, FloatLanes{}),
-                           max_lanes(abs_lanes(local.y - s.middle.y) - s.half.y, FloatLanes{}),
-                           max_lanes(abs_lanes(local.z - s.middle.z) - s.half.z, FloatLanes{})};
         const FloatLanes limit = load_lanes(best + block);
-        const IntLanes near = first_lanes(int(points.size - block)) & (dot(out, out) < limit * limit);
-        if (!any_lane(near)) continue;
+        const IntLanes near = first_lanes(int(points.size - block)) & (squared_from_box(s, local) < limit * limit);
+        if (!any_lane(near)) return;
         const IntLanes cells = s.cells_at(local);
         for (int j = 0; j < lane_count; ++j) {
             if (!near[j] || cells[j] < 0) continue;
@@ -23,18 +64,53 @@ void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &
             close[found++] = {int(block) + j, cells[j], {local.x[j], local.y[j], local.z[j]}};
         }
     }
-    for (int c = 0; c < found; ++c) {
-        const uint16_t named_by_cell = s.grid[close[c].at];
-        if (named_by_cell == none) continue;
-        __builtin_prefetch(&s.dense[named_by_cell]);
-        close[named++] = {close[c].point, named_by_cell, close[c].local};
+
+    void settle(int part, float *best, int *owner, int *sample) {
+        int named = 0;
+        for (int c = 0; c < found; ++c) {
+            const uint16_t named_by_cell = s.grid[close[c].at];
+            if (named_by_cell == none) continue;
+            __builtin_prefetch(&s.dense[named_by_cell]);
+            close[named++] = {close[c].point, named_by_cell, close[c].local};
+        }
+        for (int c = 0; c < named; ++c) {
+            float aside;
+            const float distance = s.distance_to(close[c].at, close[c].local, aside);
+            const int i = close[c].point;
+            if (distance < best[i]) best[i] = distance, owner[i] = part, sample[i] = close[c].at;
+        }
     }
-    for (int c = 0; c < named; ++c) {
-        float aside;
-        const float distance = s.distance_to(close[c].at, close[c].local, aside);
-        const int i = close[c].point;
-        if (distance < best[i]) best[i] = distance, owner[i] = part, sample[i] = close[c].at;
+
+  private:
+    const Surface &s;
+    const RigidF &T;
+    const SplitPoints &points;
+    std::vector<CloseSample> &close;
+    int found = 0;
+};
+
+} // namespace
+
+void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
+                int *sample, std::vector<CloseSample> &close) {
+    Offer offer(s, T, points, close);
+    for (int64_t block = 0; block < points.size; block += lane_count) offer.look(block, best);
+    offer.settle(part, best, owner, sample);
+}
+
+void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, float cap, float *best,
+                int *owner, int *sample, std::vector<CloseSample> &close) {
+    constexpr float rounding = 1e-4f;
+    Offer offer(s, T, balled.points, close);
+    for (int64_t first = 0; first < balled.centres.size; first += lane_count) {
+        const FloatLanes reach = load_lanes(&balled.radii[first]) + (cap + rounding);
+        const VecLanes local = apply_inverse(T, balled.centres.at(first));
+        const IntLanes near = first_lanes(int(balled.centres.size - first)) & (squared_from_box(s, local) < reach * reach);
+        if (!any_lane(near)) continue;
+        for (int j = 0; j < lane_count; ++j)
+            if (near[j]) offer.look((first + j) * lane_count, best);
     }
+    offer.settle(part, best, owner, sample);
 }
 
 } // namespace pwr

@@ -9,9 +9,24 @@ struct CloseSample {
     Vec local;
 };
 
+// Points with a ball around every `lane_count` of them, which tells at once that a part is far from all of these.
+struct BalledPoints {
+    std::vector<int> order; // of each point, among those given
+    SplitPoints points, centres;
+    std::vector<float> radii; // with `lane_count` more behind them that are read
+
+    // `order` should bring neighbours next to each other, or the balls are wide.
+    BalledPoints(const Vec *given, int64_t stride, std::vector<int> order);
+    // The same in the order given.
+    BalledPoints(const Vec *given, int64_t stride, int64_t count);
+};
+
 // Offer a placed part to points: `best` holds the distances to beat, with `lane_count` more behind them that are read;
 // where the part is nearer, `best`, `owner` and `sample` tell. `close` is memory that is used again.
 void offer_part(const Surface &surface, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
                 int *sample, std::vector<CloseSample> &close);
+// The same where no distance to beat is larger than `cap`.
+void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, float cap, float *best,
+                int *owner, int *sample, std::vector<CloseSample> &close);
 
 } // namespace pwr

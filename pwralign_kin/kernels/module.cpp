@@ -250,7 +250,12 @@ void bind_search(nb::module_ &m) {
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;
             new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow, threads);
-        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "threads"_a);
+        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "threads"_a)
+        .def("nearest", [](const ScanField &self, Points points) {
+            std::vector<int> nearest(points.shape(0));
+            for (size_t i = 0; i < nearest.size(); ++i) nearest[i] = self.nearest(vectors(points)[i]);
+            return to_numpy(std::move(nearest));
+        }, "points"_a);
 
     nb::class_<SearchOptions>(m, "SearchOptions")
         .def(nb::init<>())
@@ -338,6 +343,15 @@ void bind_search(nb::module_ &m) {
         .def("distinct_parts", [](const Search &self, Ints parts, Placements placements, int keep, float radius) {
             return to_numpy(self.distinct(read_hypotheses(self.model, parts, placements), keep, radius));
         }, "parts"_a, "placements"_a, "keep"_a, "radius"_a)
+        .def("distinct_configurations", [](const Search &self, Placements bases, Matrix values, int keep, float apart) {
+            const auto configurations = read_configurations(self.model, bases, values);
+            std::vector<int> kept;
+            {
+                nb::gil_scoped_release release;
+                kept = self.distinct(configurations, keep, apart);
+            }
+            return to_numpy(std::move(kept));
+        }, "bases"_a, "values"_a, "keep"_a, "apart"_a)
         .def("grow", [](const Search &self, Ints parts, Placements placements) {
             auto roots = read_hypotheses(self.model, parts, placements);
             std::vector<Configuration> grown;
@@ -436,7 +450,7 @@ void bind_search(nb::module_ &m) {
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
-                    const Assignment piece = self.assign(vectors(points) + from, size, 1, T.data(), used.data(), cap);
+                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, T.data(), used.data(), cap);
                     std::copy(piece.distance.begin(), piece.distance.end(), a.distance.begin() + from);
                     std::copy(piece.part.begin(), piece.part.end(), a.part.begin() + from);
                     std::copy(piece.sample.begin(), piece.sample.end(), a.sample.begin() + from);

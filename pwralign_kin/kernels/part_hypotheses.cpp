@@ -94,7 +94,7 @@ void Search::consider(int part, const Rigid &pose, const float *point_weights,
 std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep,
                                         const float *point_weights) const {
     constexpr size_t pool = 400;
-    constexpr int refined = 60;
+    const int refined = std::min(60, 6 * keep);
     sort_by_score(candidates);
     if (candidates.size() > pool) candidates.resize(pool);
     candidates = select(candidates, distinct(candidates, refined, .02f));

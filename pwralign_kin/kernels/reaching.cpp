@@ -5,6 +5,17 @@ namespace pwr {
 
 namespace {
 
+// Both parts and all above them but the root, each after its parent.
+std::vector<int> parts_to(const Articulated &model, int anchor, int part) {
+    std::vector<uint8_t> needed(model.parts, 0);
+    for (int p = anchor; p > 0; p = model.parent[p]) needed[p] = 1;
+    for (int p = part; p > 0; p = model.parent[p]) needed[p] = 1;
+    std::vector<int> parts;
+    for (int p = 1; p < model.parts; ++p)
+        if (needed[p]) parts.push_back(p);
+    return parts;
+}
+
 // The actuated joints that move `part` against `anchor`.
 std::vector<int> joints_between(const Articulated &model, int anchor, int part) {
     std::vector<uint8_t> above(model.parts, 0);
@@ -25,6 +36,7 @@ std::vector<int> joints_between(const Articulated &model, int anchor, int part) 
 // nearly a body of revolution may turn about its axis. Returns the root mean square distance that is left.
 double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::vector<int> &joints,
                            std::vector<double> &values) const {
+    const std::vector<int> needed = parts_to(model, task.anchor, task.part);
     constexpr int samples = 24, iterations = 15, look = 6;
     constexpr double hopeless = .25, along = .02;
     const Surface &s = model.surface[task.part];
@@ -33,7 +45,7 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
     std::vector<double> twists(6 * model.parts), H(size * size), g(size), columns(6 * size);
     double left = 0;
     for (int iteration = 0; iteration <= iterations; ++iteration) {
-        model.forward(Rigid::identity(), values.data(), T.data());
+        model.forward(Rigid::identity(), values.data(), needed, T.data());
         const Rigid target = T[task.anchor] * goal;
         const RigidF now = to_float(T[task.part]), wanted = to_float(target);
         Normal normal;
@@ -50,7 +62,7 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
         if (iteration == iterations || (iteration == look && left > hopeless)) break;
         normal.mirror();
         const double c[3] = {centre.x, centre.y, centre.z};
-        model.joint_twists(T.data(), c, twists.data());
+        for (const int p : needed) model.joint_twist(p, T.data(), c, &twists[6 * p]);
         std::fill(columns.begin(), columns.end(), 0.);
         for (int k = 0; k < size; ++k) {
             for (int p = task.part; p > 0; p = model.parent[p])

@@ -5,8 +5,9 @@ namespace pwr {
 
 void Search::refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                     float sigma_last, float support_weight, const std::vector<float> &part_weights) const {
+    const PointSample sampled = sample_of_points(points);
     parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
-        refine_one(configurations[c], points, iterations, sigma_first, sigma_last, support_weight,
+        refine_one(configurations[c], sampled, iterations, sigma_first, sigma_last, support_weight,
                    &part_weights[c * model.parts]);
     });
 }
@@ -14,8 +15,9 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
 // Add scan points that are pulled by the nearest part, each of weight `share`: point to plane, Geman-McClure kernel of
 // scale `sigma`. With the surface `seen` those whose rays meet it are pulled by what they meet. `seen` and `counts` may be
 // null.
-void Search::pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
-                           float cap, const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const {
+void Search::pull_to_model(const PointSample &sample, float share, const std::vector<Rigid> &T, float sigma, float cap,
+                           const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const {
+    const std::vector<OrientedPoint> &sampled = sample.points;
     const int n = model.parts;
     const float squared = sigma * sigma;
     // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
@@ -24,8 +26,8 @@ void Search::pull_to_model(const OrientedPoint *sampled, int points, float share
     std::vector<RigidF> F(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]);
     const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
-    const Assignment a = assign(&sampled[0].p, points, 2, T.data(), mask.data(), cap);
-    for (int i = 0; i < points; ++i) {
+    const Assignment a = assign(sample.balled, T.data(), mask.data(), cap);
+    for (size_t i = 0; i < sampled.size(); ++i) {
         const SeenSurface::Place met = seen ? seen->on_ray_to(sampled[i].p) : SeenSurface::Place{-1, -1};
         if (met.part >= 0) {
             const OrientedPoint &s = model.surface[met.part].dense[met.sample];
@@ -101,8 +103,10 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
     }
     parallel_for(pieces, options.threads, [&](int64_t b) {
         std::vector<Normal> own(n);
-        const int size = int(std::min(piece, count - b * piece));
-        pull_to_model(&sampled[b * piece], size, 1.f / count, T, sigma, cap, seen ? &*seen : nullptr, own, &counted[b * n]);
+        const auto from = sampled.begin() + b * piece;
+        const std::vector<OrientedPoint> points(from, from + std::min(piece, count - b * piece));
+        pull_to_model({points, {&points[0].p, 2, int64_t(points.size())}}, 1.f / count, T, sigma, cap,
+                      seen ? &*seen : nullptr, own, &counted[b * n]);
         std::copy(own.begin(), own.end(), partial.begin() + b * n);
     });
     counts.assign(n, 0);
@@ -116,10 +120,9 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
 // Gauss-Newton with a Geman-McClure kernel whose scale shrinks geometrically. Scan points pull the nearest part, model
 // samples are pulled by the scan. Per part the residuals are reduced to twist space; the joints enter by composite
 // normal equations (`Articulated::compose`).
-void Search::refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
+void Search::refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first, float sigma_last,
                         float support_weight, const float *part_weights) const {
     const int n = model.parts, joints = model.joints, size = 6 + joints;
-    const std::vector<OrientedPoint> sampled = sample_of_points(points);
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
     std::vector<double> twists(6 * n), H(size * size), step(size);
@@ -128,8 +131,7 @@ void Search::refine_one(Configuration &c, int points, int iterations, float sigm
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
         model.forward(c.base, c.values.data(), T.data());
         std::fill(normal.begin(), normal.end(), Normal());
-        pull_to_model(sampled.data(), int(sampled.size()), 1.f / sampled.size(), T, sigma, 3 * sigma + .005f, nullptr, normal,
-                      nullptr);
+        pull_to_model(sampled, 1.f / sampled.points.size(), T, sigma, 3 * sigma + .005f, nullptr, normal, nullptr);
         if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
         for (Normal &part : normal) part.mirror();
         model.joint_twists(T.data(), T[0].t, twists.data());

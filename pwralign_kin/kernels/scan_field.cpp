@@ -4,6 +4,24 @@
 
 namespace pwr {
 
+// Order of the points by interleaved bits of their coordinates (G. M. Morton, 1966), in cells of 1/1024 of `extent`.
+static std::vector<int> along_curve(const std::vector<OrientedPoint> &points, Vec low, float extent) {
+    constexpr int bits = 10;
+    const float scale = float((1 << bits) - 1) / std::max(extent, 1e-6f);
+    std::vector<uint64_t> keys;
+    for (size_t i = 0; i < points.size(); ++i) {
+        const Vec p = scale * (points[i].p - low);
+        uint64_t key = 0;
+        for (int b = bits - 1; b >= 0; --b)
+            key = 8 * key + 4 * (int(p.x) >> b & 1) + 2 * (int(p.y) >> b & 1) + (int(p.z) >> b & 1);
+        keys.push_back(key << 32 | i);
+    }
+    std::sort(keys.begin(), keys.end());
+    std::vector<int> order;
+    for (const uint64_t key : keys) order.push_back(int(key & 0xFFFFFFFF));
+    return order;
+}
+
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
@@ -28,6 +46,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nx = int(std::ceil((high.x + margin - origin.x) * inverse)) + 1;
     ny = int(std::ceil((high.y + margin - origin.y) * inverse)) + 1;
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
+    curve = along_curve(points, low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
     splat(truncation, threads);
     if (has_origin) mark_occluded(depth_points, pixel, tolerance, threads);
 }

@@ -37,6 +37,7 @@ class ScanField {
     int nearest(Vec p) const { return cells[cell_at(p)] >> 1; }
 
     std::vector<OrientedPoint> points;
+    std::vector<int> curve;    // the points along a space-filling curve: neighbours next to each other
     std::vector<float> weight; // how much a point speaks for a part that lies on it
     std::vector<float> area;   // surface that a point stands for, in any unit
     std::vector<int> region;   // points of one region are searched together; -1: known surface, not searched

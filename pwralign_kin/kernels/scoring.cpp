@@ -5,50 +5,52 @@
 
 namespace pwr {
 
-Assignment Search::assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
-                          float cap) const {
-    Assignment a;
-    a.distance.assign(count, cap), a.part.assign(count, -1), a.sample.assign(count, -1);
-    assign_more(points, stride, T, mask, a);
-    return a;
+Nearest::Nearest(int64_t count, float cap) : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
+
+void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const {
+    for (int p = 0; p < model.parts; ++p)
+        if (mask[p])
+            offer_part(model.surface[p], p, to_float(T[p]), points, to.cap, to.distance.data(), to.part.data(), to.sample.data(), to.close);
 }
 
-void Search::assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const {
-    const int64_t count = int64_t(a.distance.size());
-    const SplitPoints split(points, count, stride);
-    std::vector<float> best = a.distance;
-    best.resize(count + lane_count, 0.f);
-    std::vector<CloseSample> close;
-    for (int p = 0; p < model.parts; ++p)
-        if (mask[p]) offer_part(model.surface[p], p, to_float(T[p]), split, best.data(), a.part.data(), a.sample.data(), close);
-    std::copy(best.begin(), best.begin() + count, a.distance.begin());
+Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const {
+    const size_t count = points.order.size();
+    Nearest found(count, cap);
+    offer(points, T, mask, found);
+    Assignment a;
+    a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
+    for (size_t at = 0; at < count; ++at) {
+        const int i = points.order[at];
+        a.distance[i] = found.distance[at], a.part[i] = found.part[at], a.sample[i] = found.sample[at];
+    }
+    return a;
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
 float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
-    const float lost = options.normal_penalty;
     float sum = 0, all = 0;
     for (size_t i = 0; i < a.distance.size(); ++i) {
-        const int k = shuffled[i];
-        const float weight = field.weight[k] * field.area[k];
-        all += weight;
-        if (a.part[i] < 0) continue;
-        if (a.distance[i] >= distance) {
-            if (field.region[k] >= 0) sum -= options.near_penalty * weight;
-            continue;
-        }
-        const Vec n = rotate(T[a.part[i]], model.surface[a.part[i]].dense[a.sample[i]].n);
-        const float share = a.distance[i] / distance;
-        sum += weight * (1 - share * share) * (1 - lost + lost * std::abs(dot(n, field.points[k].n)));
+        all += field.weight[shuffled[i]] * field.area[shuffled[i]];
+        sum += gain(shuffled[i], a.part[i], a.sample[i], a.distance[i], T, distance);
     }
     return sum / all;
+}
+
+// What a scan point adds to coverage, by the part and the sample nearest to it (-1: none) and their distance.
+float Search::gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const {
+    const float weight = field.weight[point] * field.area[point], lost = options.normal_penalty;
+    if (part < 0) return 0;
+    if (from_part >= distance) return field.region[point] >= 0 ? -options.near_penalty * weight : 0.f;
+    const Vec n = rotate(T[part], model.surface[part].dense[sample].n);
+    const float share = from_part / distance;
+    return weight * (1 - share * share) * (1 - lost + lost * std::abs(dot(n, field.points[point].n)));
 }
 
 // Support of a part by a scan from all sides: only points that no other part owns speak for it, or twins would
 // collapse onto each other.
 float Search::exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(100);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for (int i = 0; i < count; i += lane_count) {
@@ -67,7 +69,7 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
 // scan without matching it. A reward would favour poses that merely show more surface.
 float Search::violation(int part, const RigidF &T, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(100);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for (int i = 0; i < count; i += lane_count) {
@@ -102,7 +104,7 @@ float Search::total_score(float covered, const float *support) const {
 void Search::score(std::vector<Configuration> &configurations, int points, float coverage_distance,
                    std::vector<float> &covered, std::vector<float> &support) const {
     const int n = model.parts;
-    const std::vector<OrientedPoint> sampled = sample_of_points(points);
+    const PointSample sampled = sample_of_points(points);
     covered.assign(configurations.size(), 0.f);
     support.assign(configurations.size() * n, 0.f);
     std::vector<uint8_t> mask(n);
@@ -112,25 +114,29 @@ void Search::score(std::vector<Configuration> &configurations, int points, float
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
-        const Assignment a = assign(&sampled[0].p, int64_t(sampled.size()), 2, T.data(), mask.data(), options.band);
+        const Assignment a = assign(sampled.balled, T.data(), mask.data(), options.band);
         covered[c] = coverage(a, F, coverage_distance);
         std::vector<int> owner(field.points.size(), -1);
-        for (size_t i = 0; i < sampled.size(); ++i) owner[shuffled[i]] = a.part[i];
+        for (size_t i = 0; i < a.part.size(); ++i) owner[shuffled[i]] = a.part[i];
         update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
         configurations[c].score = total_score(covered[c], &support[c * n]) - cost(configurations[c], F);
     });
 }
 
-std::vector<OrientedPoint> Search::sample_of_points(int most) const {
+PointSample Search::sample_of_points(int most) const {
     std::vector<OrientedPoint> sampled(std::min<size_t>(most, field.points.size()));
     for (size_t i = 0; i < sampled.size(); ++i) sampled[i] = field.points[shuffled[i]];
-    return sampled;
+    std::vector<int> order;
+    for (const int k : field.curve)
+        if (rank[k] < int(sampled.size())) order.push_back(rank[k]);
+    BalledPoints balled(&sampled[0].p, 2, std::move(order));
+    return {std::move(sampled), std::move(balled)};
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
     constexpr int few_points = 350, most_points = 1500;
-    const std::vector<OrientedPoint> sampled = sample_of_points(most_points);
+    const PointSample samples[] = {sample_of_points(few_points), sample_of_points(most_points)};
     const int n = model.parts;
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
@@ -179,28 +185,38 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         // Few points tell which values are worth a look with many.
         std::vector<int> modes(tried.size());
         std::iota(modes.begin(), modes.end(), 0);
-        for (const int points : {few_points, most_points}) {
-            const int count = std::min<int>(points, int(sampled.size()));
-            const std::vector<OrientedPoint> look(sampled.begin(), sampled.begin() + count);
+        for (const PointSample &look : samples) {
+            const std::vector<int> &order = look.balled.order;
+            const int count = int(order.size());
             place(c);
-            const Assignment before = assign(&look[0].p, count, 2, T.data(), stays.data(), options.band);
-            Assignment all = before;
-            assign_more(&look[0].p, 2, T.data(), moves.data(), all);
-            std::vector<float> support(n, 0.f), row(tried.size(), -1e9f);
+            Nearest before(count, options.band);
+            offer(look.balled, T.data(), stays.data(), before);
+            Nearest now = before;
+            offer(look.balled, T.data(), moves.data(), now);
+            std::vector<float> support(n, 0.f), row(tried.size(), -1e9f), gains(count), gained;
             // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
             std::vector<int> owner(field.points.size(), -1);
-            for (int i = 0; i < count; ++i) owner[shuffled[i]] = all.part[i];
+            for (int at = 0; at < count; ++at) owner[shuffled[order[at]]] = now.part[at];
             update_support(owner, F, options.coverage_distance, stays.data(), support.data());
+            float all = 0;
+            for (int i = 0; i < count; ++i) all += field.weight[shuffled[i]] * field.area[shuffled[i]];
+            auto gain_at = [&](int at, const Nearest &to) {
+                return gain(shuffled[order[at]], to.part[at], to.sample[at], to.distance[at], F, options.coverage_distance);
+            };
+            for (int at = 0; at < count; ++at) gains[order[at]] = gain_at(at, before);
             for (const int v : modes) {
                 place(tried[v]);
-                Assignment a = before;
-                assign_more(&look[0].p, 2, T.data(), moves.data(), a);
-                for (int i = 0; i < count; ++i) owner[shuffled[i]] = a.part[i];
+                now = before, gained = gains;
+                offer(look.balled, T.data(), moves.data(), now);
+                for (int at = 0; at < count; ++at) {
+                    owner[shuffled[order[at]]] = now.part[at];
+                    if (now.part[at] != before.part[at]) gained[order[at]] = gain_at(at, now);
+                }
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-                tried[v].score = row[v] = total_score(coverage(a, F, options.coverage_distance), support.data()) -
-                                          cost(tried[v], F);
+                const float covered = std::accumulate(gained.begin(), gained.end(), 0.f) / all;
+                tried[v].score = row[v] = total_score(covered, support.data()) - cost(tried[v], F);
             }
-            modes = best_modes(row, points == few_points ? 3 * keep : keep, first, second);
+            modes = best_modes(row, &look == samples ? 3 * keep : keep, first, second);
         }
         for (int v : modes) found[t].push_back(tried[v]);
     });

@@ -1,8 +1,10 @@
 // The search of one model in one scan: part hypotheses, growth through the tree, two-way score, batch refinement.
 #pragma once
 #include "articulated.hpp"
+#include "closest_parts.hpp"
 #include "parallel.hpp"
 #include "prior.hpp"
+#include "scan_field.hpp"
 #include "seen_surface.hpp"
 
 namespace pwr {
@@ -56,6 +58,22 @@ struct Assignment {
     std::vector<int> part, sample; // -1 beyond the cap
 };
 
+// Some points, in the order of a sample and once more in that of their neighbourhood.
+struct PointSample {
+    std::vector<OrientedPoint> points;
+    BalledPoints balled;
+};
+
+// What is nearest to each of some balled points so far.
+struct Nearest {
+    float cap;
+    std::vector<float> distance; // with `lane_count` more behind them
+    std::vector<int> part, sample; // -1 beyond the cap
+    std::vector<CloseSample> close; // memory that is used again
+
+    Nearest(int64_t count, float cap);
+};
+
 struct SweepTask {
     int configuration, joint; // an actuated joint
     bool base_moves;          // what hangs on the joint moves, or else all the rest
@@ -102,6 +120,8 @@ class Search {
     void refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const;
     // Indices of hypotheses (in order) that differ from all before by more than `radius`, the first `keep` of a part.
     std::vector<int> distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const;
+    // The same of configurations, whose surfaces must differ by more than `apart` on average; the first `keep` of all.
+    std::vector<int> distinct(const std::vector<Configuration> &configurations, int keep, float apart) const;
     // The best configuration grown from each placed part.
     std::vector<Configuration> grow(const std::vector<Hypothesis> &roots) const;
     // The best `keep` configurations of each task, in task order.
@@ -126,10 +146,9 @@ class Search {
     std::vector<Normal> normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
                                          float sigma, float cap, float support_weight, const float *part_weights,
                                          bool along_rays, std::vector<int> &counts) const;
-    Assignment assign(const Vec *points, int64_t count, int64_t stride, const Rigid *T, const uint8_t *mask,
-                      float cap) const;
-    // Offer further parts to an assignment.
-    void assign_more(const Vec *points, int64_t stride, const Rigid *T, const uint8_t *mask, Assignment &a) const;
+    Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;
+    // Offer the parts in `mask` to points, in the order of their neighbourhood.
+    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const;
 
     const Articulated &model;
     const ScanField &field;
@@ -167,33 +186,35 @@ class Search {
                        std::vector<double> &values) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
-    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, bool leads_somewhere,
+    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, float leads_to,
                                     const Growth &growth) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
-    bool leads_to_surface(int node, int previous, const float *part_weights) const;
+    float surface_beyond(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
     float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
+    float gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
-    std::vector<OrientedPoint> sample_of_points(int most) const;
+    PointSample sample_of_points(int most) const;
     float total_score(float covered, const float *support) const;
     std::vector<uint8_t> joined_parts() const;
     float overlap(const std::vector<RigidF> &T) const;
     // What speaks against a configuration, whatever the scan.
     float cost(const Configuration &c, const std::vector<RigidF> &T) const;
-    void pull_to_model(const OrientedPoint *sampled, int points, float share, const std::vector<Rigid> &T, float sigma,
-                       float cap, const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const;
+    void pull_to_model(const PointSample &sampled, float share, const std::vector<Rigid> &T, float sigma, float cap,
+                       const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const;
     void pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
                       std::vector<Normal> &normal) const;
-    void refine_one(Configuration &c, int points, int iterations, float sigma_first, float sigma_last,
+    void refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first, float sigma_last,
                     float support_weight, const float *part_weights) const;
 
     std::vector<std::vector<Edge>> edges;
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
+    int support_samples;         // of each part that tell its support
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
-    std::vector<int> shuffled;
+    std::vector<int> shuffled, rank; // rank: the place of each point in it
 };
 
 } // namespace pwr

@@ -31,23 +31,32 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
         }
     }
     joined = joined_parts();
+    // Whole models are scored by some thousand samples, however many their parts.
+    constexpr int samples_of_part = 100, samples_of_model = 3200, fewest = 24;
+    int with_surface = 1;
+    for (const Surface &s : model.surface) with_surface += s.exists;
+    support_samples = std::clamp(samples_of_model / with_surface, fewest, samples_of_part);
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
     shuffled.resize(field.points.size());
     std::iota(shuffled.begin(), shuffled.end(), 0);
     for (size_t i = shuffled.size(); i > 1; --i) std::swap(shuffled[i - 1], shuffled[random.below(uint32_t(i))]);
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return field.region[k] >= 0; });
+    rank.resize(shuffled.size());
+    for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
 }
 
 void Search::look_first(const std::vector<uint8_t> &marked) {
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return marked[k]; });
+    for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
 }
 
-bool Search::leads_to_surface(int node, int previous, const float *part_weights) const {
-    if (model.surface[node].exists && part_weights[node] > 0) return true;
+// Weight of the surface of a part and all that is reached from it, but for one neighbour's side.
+float Search::surface_beyond(int node, int previous, const float *part_weights) const {
+    float sum = model.surface[node].exists ? part_weights[node] : 0.f;
     for (const Edge &e : edges[node])
-        if (e.to != previous && leads_to_surface(e.to, node, part_weights)) return true;
-    return false;
+        if (e.to != previous) sum += surface_beyond(e.to, node, part_weights);
+    return sum;
 }
 
 std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis) {
@@ -76,7 +85,7 @@ std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, 
 
 // Sweep the joint of `edge` in every state; the best of all states and modes survive.
 std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &states, int node, Edge edge,
-                                                bool leads_somewhere, const Growth &growth) const {
+                                                float leads_to, const Growth &growth) const {
     struct Candidate {
         int state;
         double value, score;
@@ -88,6 +97,12 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     const int joint = model.actuated[edge.joint];
     const Surface &s = model.surface[edge.to];
     const float weight = growth.part_weights[edge.to];
+    // Wide beams are for what holds a good deal of the surface: little can be won at fingers.
+    constexpr float little = .03f;
+    constexpr int narrow_beam = 8, narrow_modes = 5;
+    const bool leads_somewhere = leads_to > 0, is_narrow = leads_to < little;
+    const int beam = is_narrow ? std::min(options.beam, narrow_beam) : options.beam;
+    const int most_modes = is_narrow ? std::min(options.modes, narrow_modes) : options.modes;
     const bool scored = s.exists && weight > 0;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
     auto damped = [&](float score) {
@@ -119,7 +134,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             // Only the promising half of the values sees all samples.
             order.resize(steps);
             std::iota(order.begin(), order.end(), 0);
-            const int full = std::max(std::min(steps, 2 * options.modes), steps / 2);
+            const int full = std::max(std::min(steps, 2 * most_modes), steps / 2);
             std::nth_element(order.begin(), order.begin() + (full - 1), order.end(),
                              [&](int a, int b) { return early[a] != early[b] ? early[a] > early[b] : a < b; });
             for (int v = 0; v < steps; ++v) row[v] = early[v] / std::max(1e-9f, s.cumulated[first]) - 1.f;
@@ -133,7 +148,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             row[v] -= prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
         int modes, window;
         if (!leads_somewhere) modes = 1, window = 0;
-        else if (scored) modes = std::min(options.modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        else if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
         else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
         if (!leads_somewhere) {
             // Nothing to see on that side: keep the prior value.
@@ -146,7 +161,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
     sort_by_score(candidates);
-    if (int(candidates.size()) > options.beam) candidates.resize(options.beam);
+    if (int(candidates.size()) > beam) candidates.resize(beam);
     std::vector<Partial> next;
     next.reserve(candidates.size());
     for (const Candidate &c : candidates) {
@@ -200,13 +215,39 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             break;
         }
         const Edge edge = onward.front();
-        states = cross_edge(states, node, edge, leads_to_surface(edge.to, node, growth.part_weights), growth);
+        states = cross_edge(states, node, edge, surface_beyond(edge.to, node, growth.part_weights), growth);
         previous = node;
         node = edge.to;
         only = -1;
     }
     if (int(states.size()) > keep) states.resize(keep);
     return states;
+}
+
+std::vector<int> Search::distinct(const std::vector<Configuration> &configurations, int keep, float apart) const {
+    constexpr int probes = 12; // of each part
+    std::vector<int> kept;
+    std::vector<std::vector<Vec>> seen;
+    std::vector<Rigid> T(model.parts);
+    for (size_t c = 0; c < configurations.size() && int(kept.size()) < keep; ++c) {
+        model.forward(configurations[c].base, configurations[c].values.data(), T.data());
+        std::vector<Vec> placed;
+        for (int p = 0; p < model.parts; ++p) {
+            const Surface &s = model.surface[p];
+            const RigidF F = to_float(T[p]);
+            for (int i = 0; s.exists && i < s.count(probes); ++i) placed.push_back(apply(F, s.p[i]));
+        }
+        const double enough = double(apart) * placed.size();
+        const bool is_new = std::all_of(seen.begin(), seen.end(), [&](const std::vector<Vec> &other) {
+            double sum = 0;
+            for (size_t i = 0; i < placed.size() && sum <= enough; ++i) sum += norm(placed[i] - other[i]);
+            return sum > enough;
+        });
+        if (!is_new) continue;
+        kept.push_back(int(c));
+        seen.push_back(std::move(placed));
+    }
+    return kept;
 }
 
 std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) const {
@@ -226,6 +267,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) co
 
 std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                           int keep) const {
+    const BalledPoints points(&field.points[0].p, 2, field.curve);
     std::vector<std::vector<Configuration>> grown(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t i) {
         const RegrowTask &task = tasks[i];
@@ -243,7 +285,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
                 if (!moves && p > 0 && p != cut) start.known[model.actuated[p]] = 1;
             }
             const int64_t count = int64_t(field.points.size());
-            const Assignment a = assign(&field.points[0].p, count, 2, start.T.data(), fixed.data(), options.band);
+            const Assignment a = assign(points, start.T.data(), fixed.data(), options.band);
             point_weights.resize(count);
             for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
         }

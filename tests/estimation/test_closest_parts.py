@@ -33,3 +33,17 @@ def test_points_belong_to_the_part_whose_surface_is_nearest(search: TreeSearch) 
     assert clear.sum() > 300
     assert (part[clear] == true[clear].argmin(axis=1)).all()
     assert all(0 <= s < len(search.surfaces[p].dense) for s, p in zip(sample[found], part[found], strict=True))
+
+
+def test_the_order_of_the_points_changes_nothing(search: TreeSearch) -> None:
+    points = search.observation.points
+    placements = search.part_placements(
+        Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.neutral))), np.zeros(1, np.float32))
+    )[0]
+    mask = search.exists.astype(np.uint8)
+    order = np.random.default_rng(0).permutation(len(points))
+    given = search.native.assign(points, placements, mask, BAND)
+    shuffled = search.native.assign(np.ascontiguousarray(points[order]), placements, mask, BAND)
+    assert (given[1] >= 0).any()
+    for before, after in zip(given, shuffled, strict=True):
+        assert (before[order] == after).all()

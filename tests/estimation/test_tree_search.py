@@ -61,3 +61,20 @@ def test_views_from_all_sides_contradict_nothing(search: TreeSearch, right: Cand
     away = right.bases.copy()
     away[0, 0, 3] += 0.3
     assert not search.is_contradicted(Candidates(away, right.values, NONE))
+
+
+def test_distinct_configurations_lie_apart(search: TreeSearch, right: Candidates) -> None:
+    rng = np.random.default_rng(0)
+    count, apart = 60, 0.03
+    values = np.repeat(right.values, count, axis=0) + rng.normal(0, 0.15, (count, right.values.shape[1]))
+    scores = rng.uniform(size=count).astype(np.float32)
+    several = Candidates(np.repeat(right.bases, count, axis=0), values, scores)
+    kept = search.distinct(several, count, apart)
+    placed, positions = search.probe_positions(kept), search.probe_positions(several)
+    between = np.linalg.norm(positions[:, None] - placed, axis=-1).mean(axis=-1)
+    assert 1 < len(kept) < count
+    assert (np.diff(kept.scores) <= 0).all()
+    for dropped in np.flatnonzero(~np.isin(scores, kept.scores)):
+        assert between[dropped, kept.scores > scores[dropped]].min() <= apart + 1e-6
+    own = np.linalg.norm(placed[:, None] - placed, axis=-1).mean(axis=-1) + np.eye(len(kept))
+    assert own.min() > apart - 1e-6
