@@ -11,6 +11,7 @@ from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.reinterpretation import ReinterpretationOptions, reinterpreted
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.scene_search import elsewhere, is_convincing, search_regions
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -36,6 +37,8 @@ NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
+READINGS = 8
+READING_GAIN = 0.0003
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -220,12 +223,28 @@ class AnswerSearch:
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        solutions = repair(search, candidates, self.repairing, turn=turn)
+        solutions = self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
         if self.effort.wide_beams and not search.observation.scene and not self._is_convincing(solutions.take([0])):
             # Wide beams take their time: they are for the few solutions that are nearly right.
             few = replace(self.repairing, early_rounds=0, patience=1)
-            solutions = repair(search.widened(), solutions, few, turn=False)
+            solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
         return solutions
+
+    def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
+        """Read the surface of the best solution otherwise where it does not lie on the scan, as long as that helps."""
+        for _ in range(READINGS):
+            best = solutions.take([0])
+            if search.observation.scene or self._is_read(search, best):
+                break
+            found = reinterpreted(self.model, search, best, ReinterpretationOptions())
+            if found is None or found.scores.max() < best.scores[0] + READING_GAIN:
+                break
+            few = replace(self.repairing, rounds=1)
+            solutions = repair(search, self._distinct([solutions, found]), few, turn=False)
+        return solutions
+
+    def _is_read(self, search: TreeSearch, best: Candidates) -> bool:
+        return is_plainly_right(search, best) if search.observation.single_view else lies_on_scan(search, best)
 
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)
@@ -253,18 +272,23 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
     """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
+    if not lies_on_scan(search, candidate):
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+
+
+def lies_on_scan(search: TreeSearch, candidate: Candidates) -> bool:
+    """Return whether all points of the scan lie on one candidate to within the noise, part by part."""
     distance, owner = search.owners(candidate, search.exists)
     if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
-        return False
-    support = search.scored(candidate)[1][0]
-    if search.poorly_supported(support).any():
-        return False
-    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+    return bool(off.mean() <= PLAIN_OFF and (off_part <= PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all())
 
 
 def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
