@@ -11,7 +11,7 @@ from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.reinterpretation import ReinterpretationOptions, reinterpreted
+from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.scene_search import elsewhere, is_convincing, search_regions
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -37,8 +37,10 @@ NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
-READINGS = 8
-READING_GAIN = 0.0003
+REREADINGS, READINGS = 3, 5
+"""How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
+READING_GAIN = 0.001
+"""... as long as coarse and tight score gain this."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -231,19 +233,45 @@ class AnswerSearch:
         return solutions
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise where it does not lie on the scan, as long as that helps."""
-        for _ in range(READINGS):
-            best = solutions.take([0])
-            if search.observation.scene or self._is_read(search, best):
+        """Read the surface of the best solution otherwise until it lies on the scan, and repair what comes out."""
+        for _ in range(REREADINGS):
+            best = self._read_otherwise(search, solutions.take([0]))
+            if best is None:
                 break
-            found = reinterpreted(self.model, search, best, ReinterpretationOptions())
-            if found is None or found.scores.max() < best.scores[0] + READING_GAIN:
-                break
+            positions = search.probe_positions(solutions) - search.probe_positions(best)
+            apart = np.linalg.norm(positions, axis=-1).mean(axis=-1) > search.options.distinct
             few = replace(self.repairing, rounds=1)
-            solutions = repair(search, self._distinct([solutions, found]), few, turn=False)
+            read = repair(search, Candidates.concatenate([best, solutions.take(apart)]), few, turn=False)
+            before, after = (ranked(search, several.take([0])).scores[0] for several in (solutions, read))
+            if after < before + READING_GAIN:
+                break
+            solutions = read
         return solutions
 
-    def _is_read(self, search: TreeSearch, best: Candidates) -> bool:
+    def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
+        """Return a better configuration with nearly the same surface; None if none is needed or found.
+
+        The tight score decides as well: the surfaces differ by little.
+        """
+        if search.observation.scene or self._is_plain(solution):
+            return None
+        # What refinement alone would gain is no merit of another reading.
+        best = start = ranked(search, refined_both_ways(search, solution)).take([0])
+        for _ in range(READINGS):
+            found = reinterpreted(self.model, search, best, self.options.reinterpretation)
+            if found is None:
+                break
+            better = ranked(search, Candidates.concatenate([best, found])).take([0])
+            if better.scores[0] < best.scores[0] + READING_GAIN:
+                break
+            best = better
+            if self._is_plain(best):
+                break
+        return search.scored(best)[0] if best is not start else None
+
+    def _is_plain(self, best: Candidates) -> bool:
+        """Return whether nothing speaks against an answer; parts that a scan from all around lacks do not."""
+        search = self.search
         return is_plainly_right(search, best) if search.observation.single_view else lies_on_scan(search, best)
 
     def _distinct(self, several: list[Candidates]) -> Candidates:

@@ -8,7 +8,6 @@ answer, with limbs in each other's places or parts the other way round.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_closing import BEYOND, JointClosing, chains_between

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, inverse, rotation_about, transform
 
-VERSION = 2  # part of the cache key: raise it when the comparison changes
+VERSION = 3  # part of the cache key: raise it when the comparison changes
 SAME = 0.003
 """Mean distance (model diagonals) of two surfaces that look the same, ..."""
 SAME_SHARE = 0.03
@@ -133,12 +133,14 @@ def _turns(look: _Look) -> Iterator[Array]:
 
 
 def _near_turns(look: _Look, exact: Array) -> tuple[Array, Array]:
-    """Return the distinct turns (m, 4, 4) that nearly map a surface onto itself, `exact` ones excepted, the distances."""
+    """Return the turns (m, 4, 4) that nearly map a surface onto itself, unlike `exact` ones, and how far off (m,)."""
     found, off = list(exact), []
     for frame, turn in product(look.frames, _cube_turns()):
         T = frame @ turn @ inverse(frame)
-        apart = [np.linalg.norm(transform(T, look.probes) - transform(other, look.probes), axis=1).mean() for other in found]
-        if min(apart) > 4 * look.tolerance:
+        apart = [
+            np.linalg.norm(transform(T, look.probes) - transform(other, look.probes), axis=1).mean() for other in found
+        ]
+        if min(apart) > 2 * NEARLY:
             distance = max(float(np.abs(look.offsets(look, motion)[2]).mean()) for motion in (T, inverse(T)))
             if distance < NEARLY:
                 found.append(T)
