@@ -12,6 +12,7 @@ from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.scene_search import is_convincing, search_regions, unlike
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -37,6 +38,10 @@ NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
+REREADINGS, READINGS = 3, 5
+"""How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
+READING_GAIN = 0.001
+"""... as long as coarse and tight score gain this."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -229,14 +234,56 @@ class AnswerSearch:
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        solutions = repair(search, candidates, self.repairing, turn=turn)
+        solutions = self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
         best = solutions.take([0])
         right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
         if self.effort.wide_beams and not right:
             # Wide beams take their time: they are for the few solutions that are nearly right.
             few = replace(self.repairing, early_rounds=0, patience=1)
-            solutions = repair(search.widened(), solutions, few, turn=False)
+            solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
         return solutions
+
+    def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
+        """Read the surface of the best solution otherwise until it lies on the scan, and repair what comes out."""
+        for _ in range(REREADINGS):
+            best = self._read_otherwise(search, solutions.take([0]))
+            if best is None:
+                break
+            positions = search.probe_positions(solutions) - search.probe_positions(best)
+            apart = np.linalg.norm(positions, axis=-1).mean(axis=-1) > search.options.distinct
+            few = replace(self.repairing, rounds=1)
+            read = repair(search, Candidates.concatenate([best, solutions.take(apart)]), few, turn=False)
+            before, after = (ranked(search, several.take([0])).scores[0] for several in (solutions, read))
+            if after < before + READING_GAIN:
+                break
+            solutions = read
+        return solutions
+
+    def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
+        """Return a better configuration with nearly the same surface; None if none is needed or found.
+
+        The tight score decides as well: the surfaces differ by little.
+        """
+        if search.observation.scene or self._is_plain(solution):
+            return None
+        # What refinement alone would gain is no merit of another reading.
+        best = start = ranked(search, refined_both_ways(search, solution)).take([0])
+        for _ in range(READINGS):
+            found = reinterpreted(self.model, search, best, self.options.reinterpretation)
+            if found is None:
+                break
+            better = ranked(search, Candidates.concatenate([best, found])).take([0])
+            if better.scores[0] < best.scores[0] + READING_GAIN:
+                break
+            best = better
+            if self._is_plain(best):
+                break
+        return search.scored(best)[0] if best is not start else None
+
+    def _is_plain(self, best: Candidates) -> bool:
+        """Return whether nothing speaks against an answer; parts that a scan from all around lacks do not."""
+        search = self.search
+        return is_plainly_right(search, best) if search.observation.single_view else lies_on_scan(search, best)
 
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)
@@ -264,18 +311,23 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
     """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
+    if not lies_on_scan(search, candidate):
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+
+
+def lies_on_scan(search: TreeSearch, candidate: Candidates) -> bool:
+    """Return whether all points of the scan lie on one candidate to within the noise, part by part."""
     distance, owner = search.owners(candidate, search.exists)
     if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
-        return False
-    support = search.scored(candidate)[1][0]
-    if search.poorly_supported(support).any():
-        return False
-    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+    return bool(off.mean() <= PLAIN_OFF and (off_part <= PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all())
 
 
 def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:

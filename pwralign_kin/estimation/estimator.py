@@ -32,7 +32,9 @@ from pwralign_kin.state import State
 NO_COST = 0.004
 """Score that an undetermined joint may cost when it is set to its prior, ..."""
 NO_POINTS = 3.0
-"""... and scan points that it may leave unexplained."""
+"""... and scan points that it may leave unexplained, ..."""
+NO_SUPPORT = 0.15
+"""... and support that it may cost any one part: that of a small part is little of the score."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 EQUAL_POINTS = 600
@@ -223,7 +225,9 @@ class Estimator:
         scores, coverage = search.weighed(choices)
         best = int(np.argmax(scores[1:])) + 1
         lost = (coverage[0] - coverage[best]) * len(search.observation.points)
-        if scores[best] < scores[0] - NO_COST or lost > NO_POINTS:
+        seen = _seen_shares(search.scored(choices)[1], search.observation)
+        hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
+        if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
             return base, values
         return bases[best], moved
 

@@ -10,6 +10,7 @@ from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
 from pwralign_kin.estimation.prior import BasePrior
+from pwralign_kin.estimation.reinterpretation import ReinterpretationOptions
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.scene import SceneOptions
 from pwralign_kin.estimation.scene_search import SceneSearchOptions
@@ -52,4 +53,5 @@ class EstimatorOptions:
     scene_search: SceneSearchOptions = field(default_factory=SceneSearchOptions)
     search: SearchOptions = field(default_factory=SearchOptions)
     repair: RepairOptions = field(default_factory=RepairOptions)
+    reinterpretation: ReinterpretationOptions = field(default_factory=ReinterpretationOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, inverse, rotation_about, transform
 
-VERSION = 1  # part of the cache key: raise it when the comparison changes
+VERSION = 3  # part of the cache key: raise it when the comparison changes
 SAME = 0.003
 """Mean distance (model diagonals) of two surfaces that look the same, ..."""
 SAME_SHARE = 0.03
 """... and at most this share of the part's size."""
 WORTH_ALIGNING = 8.0
 """Motions that leave a mean distance of this many times `SAME` are aligned and looked at again."""
+NEARLY = 0.01
+"""Mean distance (model diagonals) up to which a turn nearly maps a surface onto itself."""
 ALIKE_SIZE, ALIKE_AREA = 0.03, 0.1
 """Relative differences of size and visible area up to which parts are compared at all."""
 ALIGNMENTS = 6
@@ -40,6 +42,10 @@ class Symmetry:
     """(n, 4, 4) motions from each part's frame to that part's, which lay one surface on the other."""
     turns: tuple[Array, ...]
     """Per part (m, 4, 4) the motions that map its surface onto itself, the identity first; empty for other kinds."""
+    nearly: tuple[Array, ...]
+    """Per part (m, 4, 4) the other turns about its middle that nearly do, ..."""
+    nearly_off: tuple[Array, ...]
+    """... and (m,) the mean distances that they leave."""
 
     def replacements(self, part: int, place: int) -> Array:
         """Return the motions (m, 4, 4) after which `part`, in the frame of `place`, looks as `place` does."""
@@ -53,6 +59,7 @@ def find_symmetry(surfaces: Sequence[Surface]) -> Symmetry:
     kind = np.full(count, -1)
     to_kind = np.tile(np.eye(4), (count, 1, 1))
     turns = [np.zeros((0, 4, 4)) for _ in surfaces]
+    nearly, nearly_off = [np.zeros((0, 4, 4)) for _ in surfaces], [np.zeros(0) for _ in surfaces]
     looks: dict[int, _Look] = {}
     for i, surface in enumerate(surfaces):
         if not surface.exists:
@@ -66,7 +73,9 @@ def find_symmetry(surfaces: Sequence[Surface]) -> Symmetry:
         else:
             kind[i], looks[i] = i, own
             turns[i] = np.array([np.eye(4), *_turns(own)])
-    return Symmetry(kind, to_kind, tuple(turns))
+        exact = inverse(to_kind[i]) @ turns[kind[i]] @ to_kind[i]
+        nearly[i], nearly_off[i] = _near_turns(own, exact)
+    return Symmetry(kind, to_kind, tuple(turns), tuple(nearly), tuple(nearly_off))
 
 
 class _Look:
@@ -123,6 +132,22 @@ def _turns(look: _Look) -> Iterator[Array]:
             yield T
 
 
+def _near_turns(look: _Look, exact: Array) -> tuple[Array, Array]:
+    """Return the turns (m, 4, 4) that nearly map a surface onto itself, unlike `exact` ones, and how far off (m,)."""
+    found, off = list(exact), []
+    for frame, turn in product(look.frames, _cube_turns()):
+        T = frame @ turn @ inverse(frame)
+        apart = [
+            np.linalg.norm(transform(T, look.probes) - transform(other, look.probes), axis=1).mean() for other in found
+        ]
+        if min(apart) > 2 * NEARLY:
+            distance = max(float(np.abs(look.offsets(look, motion)[2]).mean()) for motion in (T, inverse(T)))
+            if distance < NEARLY:
+                found.append(T)
+                off.append(distance)
+    return np.array(found[len(exact) :]).reshape(-1, 4, 4), np.array(off)
+
+
 def _motions(source: _Look, target: _Look, *, first: bool) -> Iterator[Array]:
     """Yield motions that lay one surface on the other: turns of a cube about either frame, then aligned."""
     for one, other in zip(source.frames, target.frames, strict=True):
@@ -177,10 +202,19 @@ def as_arrays(symmetry: Symmetry) -> dict[str, NDArray[Any]]:
         "to_kind": symmetry.to_kind,
         "counts": counts,
         "turns": np.concatenate([np.zeros((0, 4, 4)), *symmetry.turns]),
+        "nearly_counts": np.array([len(turns) for turns in symmetry.nearly]),
+        "nearly": np.concatenate([np.zeros((0, 4, 4)), *symmetry.nearly]),
+        "nearly_off": np.concatenate([np.zeros(0), *symmetry.nearly_off]),
     }
 
 
 def from_arrays(arrays: dict[str, NDArray[Any]]) -> Symmetry:
     """Return what the cache kept."""
-    ends = np.cumsum(arrays["counts"].astype(int))[:-1]
-    return Symmetry(arrays["kind"], arrays["to_kind"], tuple(np.split(arrays["turns"], ends)))
+    ends, near = (np.cumsum(arrays[counts].astype(int))[:-1] for counts in ("counts", "nearly_counts"))
+    return Symmetry(
+        arrays["kind"],
+        arrays["to_kind"],
+        tuple(np.split(arrays["turns"], ends)),
+        tuple(np.split(arrays["nearly"], near)),
+        tuple(np.split(arrays["nearly_off"], near)),
+    )

@@ -9,7 +9,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin import se3
-from pwralign_kin.estimation.equal_answers import turned_about
+from pwralign_kin.estimation.joint_closing import turned_about
 from pwralign_kin.model.symmetry import find_symmetry
 from pwralign_kin.simulation import SimulatedScan
 
