@@ -112,12 +112,8 @@ class _Reader:
             values.append(read)
             turned.append(part)
         count = len(turned)
-        return (
-            Candidates(
-                np.array(bases).reshape(-1, 4, 4), np.array(values).reshape(count, -1), np.zeros(count, np.float32)
-            ),
-            np.array(turned, int),
-        )
+        placed = np.array(bases).reshape(count, 4, 4), np.array(values).reshape(count, len(self.values))
+        return Candidates(*placed, np.zeros(count, np.float32)), np.array(turned, int)
 
     def _ways(self, part: int, places: Array) -> tuple[Array, Array]:
         """Return the placements (m, 4, 4) that a part may take, its own first, and what each costs (m,)."""

@@ -92,3 +92,10 @@ def test_turns_that_nearly_map_a_part_onto_itself_are_told_from_exact_ones(figur
             moved = samples @ turn[:3, :3].T + turn[:3, 3]
             same = [np.linalg.norm(samples @ T[:3, :3].T + T[:3, 3] - moved, axis=1).mean() for T in exact]
             assert min(same) > 0.005
+
+
+def test_without_a_turn_that_keeps_surface_nothing_is_read_otherwise(
+    figure: pk.ArticulatedModel, searched: TreeSearch
+) -> None:
+    answer = configuration(figure, searched, TRUE)
+    assert reinterpreted(figure, searched, answer, ReinterpretationOptions(apart=0.0)) is None
