@@ -1,0 +1,121 @@
+"""How well a configuration fits a frame, beside how well the model usually does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.se3 import Array
+
+LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
+"""Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
+
+CLEAR = 0.9
+"""Share of the points, or of the visible surface, from which on there is little but what is explained."""
+
+SUSPECT = 0.25
+"""A part is suspected when so much more of its points or of its visible surface than usual does not fit."""
+
+FORGETTING = 0.02
+"""Share of what is usual that each frame renews."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A configuration fitted to a frame, and how well it fits."""
+
+    T: Array
+    values: Array
+    iterations: int = 0
+    rmse: float = 0.0
+    noise: float = 0.0
+    """Robust standard deviation of the distances of points close to the model."""
+    coverage: float = 0.0
+    agreement: float = 0.0
+    """Share of the points that count for or against the model that it explains."""
+    visible: float = 0.0
+    """Share of the facing surface that nothing hides."""
+    support: float = 0.0
+    """Share of the visible surface that the frame shows."""
+    points: int = 0
+    """Points used."""
+    strays: Array = field(default_factory=lambda: np.zeros(0))
+    """(parts,) share of the points close to each part that it does not explain; 0 where they are few."""
+    missing: Array = field(default_factory=lambda: np.zeros(0))
+    """(parts,) share of the visible surface of each part that the frame does not show; 0 where it is little."""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(6 + k, 6 + k) covariance, rad and model diagonals."""
+    levers: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
+    well as it can, model diagonals for each unit."""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """How the model fits when it is found."""
+
+    coverage: float
+    agreement: float
+    support: float
+    noise: float
+    """Of the distances of points close to the model, model diagonals."""
+    sigma: float
+    """Robust scale at the end of a fit."""
+    strays: Array
+    missing: Array
+    confidence: float
+    """Of the estimate that found it."""
+
+    @classmethod
+    def of(cls, fit: Fit, confidence: float) -> Usual:
+        """Return what a first fit makes usual."""
+        return cls(
+            fit.coverage, fit.agreement, fit.support, fit.noise, _sigma(fit), fit.strays, fit.missing, confidence
+        )
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is little but the model: else what it does not explain does not speak against it."""
+        return self.coverage >= CLEAR
+
+    def misfit(self, fit: Fit | Usual) -> float:
+        """Return how much speaks against a fit."""
+        return 2.0 - fit.agreement - fit.support + (1.0 - fit.coverage if self.alone else 0.0)
+
+    @property
+    def tolerance(self) -> float:
+        """Distance within which the noise allows points of the model, model diagonals."""
+        return kernels.explained_within(self.noise)
+
+    def quality(self, fit: Fit) -> float:
+        """Return how well a fit does beside the usual, from 0 to 1."""
+        return float(np.clip(min(fit.agreement / self.agreement, fit.support / self.support), 0.0, 1.0))
+
+    def suspects(self, fit: Fit) -> NDArray[np.bool_]:
+        """Return the parts (parts,) that fit clearly worse than usual."""
+        return np.asarray((fit.strays > self.strays + SUSPECT) | (fit.missing > self.missing + SUSPECT))
+
+    def renewed(self, fit: Fit) -> Usual:
+        """Return the usual after another good fit."""
+
+        def mixed(old: Any, new: Any) -> Any:
+            return old + FORGETTING * (new - old)
+
+        return replace(
+            self,
+            coverage=mixed(self.coverage, fit.coverage),
+            agreement=mixed(self.agreement, fit.agreement),
+            support=mixed(self.support, fit.support),
+            noise=mixed(self.noise, fit.noise),
+            sigma=mixed(self.sigma, _sigma(fit)),
+            strays=mixed(self.strays, fit.strays),
+            missing=mixed(self.missing, fit.missing),
+        )
+
+
+def _sigma(fit: Fit) -> float:
+    return float(np.clip(2.0 * fit.rmse, LEAST_SIGMA, MOST_SIGMA))

@@ -1,0 +1,167 @@
+"""Configurations fitted to one frame, around where the model is expected."""
+
+from __future__ import annotations
+
+import time as clock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.scan import DepthFrame, Scan
+from pwralign_kin.se3 import Array
+from pwralign_kin.tracking import local_search
+from pwralign_kin.tracking.fit import LEAST_SIGMA, Fit, Usual
+from pwralign_kin.tracking.motion import LONGEST, Motion
+from pwralign_kin.tracking.options import TrackerOptions
+
+Frame = Scan | DepthFrame | NDArray[Any]
+"""A scan, a depth image, or bare points (n, 3) in m of an unknown viewpoint."""
+
+MARGIN_SPEED = 0.4
+"""How much farther a frame is looked at for each second since the model was seen, model diagonals / s."""
+
+WIDE_SIGMA, WIDE_ITERATIONS, WIDER = 0.06, 4, 3.0
+"""Robust scale at the start of a fit from far away, model diagonals, how many times more iterations it may take, and
+how many times less sure its start is."""
+
+LEAST_POINTS = 20
+"""Fewer points around the model do not show it."""
+
+FEW_POINTS, LITTLE_SURFACE = 8, 0.002
+"""Fewer points close to a part, or less visible surface (share of the model's), tell nothing about it."""
+
+
+class FrameFitting:
+    """Fits one frame after another with the kernels, which work in model diagonals about a centre near the model."""
+
+    def __init__(self, native: kernels.Tracking, diagonal: float, options: TrackerOptions) -> None:
+        """Take the model's `diagonal` (m)."""
+        self.native = native
+        self.diagonal = diagonal
+        self.options = options
+        self.centre, self.viewed = np.zeros(3), False
+
+    def look(self, frame: Frame, expected: Motion) -> None:
+        """Look at a frame around an expected configuration."""
+        native = self.native
+        self.centre = expected.T[:3, 3].copy()
+        margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
+        origin = _sensor(frame)
+        self.viewed = len(origin) > 0
+        native.expect(self._inward(expected.T)[None], expected.values, self.centre, self.diagonal, origin, margin)
+        if isinstance(frame, DepthFrame):
+            native.look_at_depth(frame.depth, frame.intrinsics, frame.scale, frame.T_scan_camera[None])
+        else:
+            native.look_at_points(frame.points if isinstance(frame, Scan) else frame)
+
+    def swept(self, T: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
+        """Return a configuration about a placement (4, 4) in the scan frame and values (k,) that fits better, its base
+        as `fitted` takes it, and whether any was found: see `local_search.swept`."""
+        return local_search.swept(self.native, self._inward(T), values, ranges, rounds)
+
+    def _inward(self, T: Array) -> Array:
+        """Return a base placement in model diagonals about the centre of the frame."""
+        inside = T.copy()
+        inside[:3, 3] = (T[:3, 3] - self.centre) / self.diagonal
+        return inside
+
+    def fitted(
+        self,
+        expected: Motion,
+        usual: Usual | None,
+        limit: float,
+        *,
+        wide: bool = False,
+        start: tuple[Array, Array] | None = None,
+        held: NDArray[np.bool_] | None = None,
+    ) -> Fit:
+        """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one.
+
+        `start` is where to begin instead (base about the centre, in model diagonals, and values), `held` (k,) joints
+        that stay there, else those that are not told.
+        """
+        native = self.native
+        predicted = self._inward(expected.T)
+        base, values = (predicted, expected.values) if start is None else start
+        sigma, tolerance = (2 * LEAST_SIGMA, 0.0) if usual is None else (usual.sigma, usual.tolerance)
+        if native.points < LEAST_POINTS:
+            judged = native.judge(base[None], values, tolerance)
+            return Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
+        if wide:
+            expected = expected.loosened(WIDER)
+        first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
+        iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
+        still = expected.held if held is None else held
+        believed: Array = np.asarray(np.linalg.inv(expected.covariance), float)
+        T, fitted, done, rmse = native.fit(
+            base[None],
+            values,
+            predicted[None],
+            expected.values,
+            believed,
+            still.astype(np.uint8),
+            first,
+            sigma,
+            iterations,
+            limit - clock.perf_counter(),
+        )
+        information, doubt = native.information, np.diag(expected.covariance)[6:]
+        covariance: Array = np.asarray(np.linalg.inv(information), float)
+        # What the frame adds for a joint while all else is free, beside what it would add were all else known.
+        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / doubt, 0.0)
+        conditional = np.diag(information)[6:] - np.diag(believed)[6:]
+        levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
+        noise, tolerance, coverage, agreement, visible, support = native.judge(T[None], fitted, tolerance)
+        strays, missing = self._part_misfits()
+        if not self.viewed:  # what is in front of the model, or behind it, cannot be told
+            agreement = coverage
+        T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
+        return Fit(
+            T=T,
+            values=fitted,
+            iterations=done,
+            rmse=rmse,
+            noise=noise,
+            coverage=coverage,
+            agreement=agreement,
+            visible=visible,
+            support=support,
+            points=native.points,
+            strays=strays,
+            missing=missing,
+            covariance=covariance,
+            levers=levers,
+        )
+
+    def _part_misfits(self) -> tuple[Array, Array]:
+        """Return strays and missing (parts,) of the configuration judged last."""
+        native = self.native
+        strays, close = native.strays, native.strays + native.explained
+        visible = native.visible
+        missing = visible - native.shown
+        return (
+            np.where(close >= FEW_POINTS, strays / np.maximum(close, 1.0), 0.0),
+            np.where(visible >= LITTLE_SURFACE, missing / np.maximum(visible, 1e-9), 0.0),
+        )
+
+
+def checked(frame: Frame) -> Frame:
+    """Return bare points as the kernels take them. Raises `ScanError` for what is no frame."""
+    if isinstance(frame, Scan | DepthFrame):
+        return frame
+    points = np.asarray(frame)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        raise ScanError("frame", f"expected a Scan, a DepthFrame or points (n, 3), got shape {points.shape}")
+    return np.ascontiguousarray(points, np.float32 if points.dtype == np.float32 else np.float64)
+
+
+def _sensor(frame: Frame) -> Array:
+    """Return where the frame was seen from (3,), empty where that is unknown or not one place."""
+    if isinstance(frame, DepthFrame):
+        return np.ascontiguousarray(frame.T_scan_camera[:3, 3])
+    if isinstance(frame, Scan) and frame.sensor_origin is not None and frame.sensor_origin.ndim == 1:
+        return np.ascontiguousarray(frame.sensor_origin)
+    return np.zeros(0)
