@@ -41,7 +41,9 @@ GROWN_FROM_BASE = 12
 REREADINGS, READINGS = 3, 5
 """How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
-"""... as long as coarse and tight score gain this."""
+"""... as long as coarse and tight score gain this, ..."""
+SURE = 0.9
+"""... and unless it has this confidence."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -214,7 +216,7 @@ class AnswerSearch:
                 answers.append(self._repaired_one_by_one(left))
             repaired.append(answers[-1])
             best = self._distinct(answers)
-            if confidence(gathered(self.search, best.take([0]), best)) >= options.confident:
+            if self._confidence(self.search, best) >= options.confident:
                 break
         return best
 
@@ -244,8 +246,10 @@ class AnswerSearch:
         return solutions
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise until it lies on the scan, and repair what comes out."""
+        """Read the surface of the best solution otherwise until it is sure, and repair what comes out."""
         for _ in range(REREADINGS):
+            if search.observation.scene or self._confidence(search, solutions) >= SURE:
+                break
             best = self._read_otherwise(search, solutions.take([0]))
             if best is None:
                 break
@@ -260,12 +264,10 @@ class AnswerSearch:
         return solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
-        """Return a better configuration with nearly the same surface; None if none is needed or found.
+        """Return a better configuration with nearly the same surface, None if none is found.
 
         The tight score decides as well: the surfaces differ by little.
         """
-        if search.observation.scene or self._is_plain(solution):
-            return None
         # What refinement alone would gain is no merit of another reading.
         best = start = ranked(search, refined_both_ways(search, solution)).take([0])
         for _ in range(READINGS):
@@ -276,14 +278,11 @@ class AnswerSearch:
             if better.scores[0] < best.scores[0] + READING_GAIN:
                 break
             best = better
-            if self._is_plain(best):
-                break
         return search.scored(best)[0] if best is not start else None
 
-    def _is_plain(self, best: Candidates) -> bool:
-        """Return whether nothing speaks against an answer; parts that a scan from all around lacks do not."""
-        search = self.search
-        return is_plainly_right(search, best) if search.observation.single_view else lies_on_scan(search, best)
+    def _confidence(self, search: TreeSearch, solutions: Candidates) -> float:
+        """Return the confidence in the best of several solutions."""
+        return confidence(gathered(search, solutions.take([0]), solutions))
 
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)
@@ -311,23 +310,18 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
     """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
-    if not lies_on_scan(search, candidate):
-        return False
-    support = search.scored(candidate)[1][0]
-    if search.poorly_supported(support).any():
-        return False
-    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
-
-
-def lies_on_scan(search: TreeSearch, candidate: Candidates) -> bool:
-    """Return whether all points of the scan lie on one candidate to within the noise, part by part."""
     distance, owner = search.owners(candidate, search.exists)
     if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    return bool(off.mean() <= PLAIN_OFF and (off_part <= PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all())
+    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
 
 
 def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
