@@ -42,7 +42,7 @@ REREADINGS, READINGS = 3, 5
 """How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
 """... as long as coarse and tight score gain this, ..."""
-SURE = 0.9
+SURE = 0.85
 """... and unless it has this confidence."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
