@@ -28,8 +28,8 @@ SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 COEFFICIENTS = (-2.01, -1.26, -0.61, -1.51, 1.03)
 """Of 1 and the four features: `pwralign_kin.benchmark.calibration.fitted` to 252 answers (47 of them wrong) of
-`python scripts/benchmark.py --table confidence` to scans of twelve robots. A later fit to answers of a better search, of
-which hardly any were wrong, gave a ball that was taken for an arm a confidence of 0.57."""
+`python scripts/benchmark.py --table confidence` to scans of twelve robots. A later fit to answers of a better search,
+of which hardly any were wrong, gave a ball that was taken for an arm a confidence of 0.57."""
 
 
 @dataclass(frozen=True)
