@@ -253,10 +253,9 @@ class AnswerSearch:
             best = self._read_otherwise(search, solutions.take([0]))
             if best is None:
                 break
-            positions = search.probe_positions(solutions) - search.probe_positions(best)
-            apart = np.linalg.norm(positions, axis=-1).mean(axis=-1) > search.options.distinct
+            others = unlike(search, solutions, [best], search.options.distinct)
             few = replace(self.repairing, rounds=1)
-            read = repair(search, Candidates.concatenate([best, solutions.take(apart)]), few, turn=False)
+            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
             before, after = (ranked(search, several.take([0])).scores[0] for several in (solutions, read))
             if after < before + READING_GAIN:
                 break
