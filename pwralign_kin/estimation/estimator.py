@@ -15,6 +15,7 @@ from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
@@ -100,7 +101,9 @@ class Estimator:
         fit = self.fit(scan, initial, correspondences)
         with fit.watch.stage("least squares"):
             solution = self._solve(fit.solver, fit.finished)
-        return self.concluded(fit, solution)
+        with fit.watch.stage("equal answers"):
+            solution, equal = self._chosen(fit, solution, initial)
+        return self.concluded(fit, solution, equal)
 
     def fit(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Fit:
         """Return all answers worth comparing, before the joint least squares."""
@@ -120,11 +123,14 @@ class Estimator:
         solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
         return Fit(scan, solver, finished, prior, watch)
 
-    def concluded(self, fit: Fit, solution: Solution) -> Estimate:
-        """Return the estimate that a solution of the joint least squares makes."""
+    def concluded(self, fit: Fit, solution: Solution, equal: Candidates | None = None) -> Estimate:
+        """Return the estimate that a solution of the joint least squares makes; None: its `equal` answers are made."""
+        search = fit.solver.search
+        if equal is None:
+            equal = equal_answers(self.model, search, _candidate(solution))
         with fit.watch.stage("least squares"):
-            solution, judged = self._judge(fit.solver.search, fit.solver, solution, fit.prior)
-        return self._report(fit.scan, fit.solver.search, fit.finished, solution, judged, fit.watch)
+            solution, judged = self._judge(search, fit.solver, solution, fit.prior)
+        return self._report(fit.scan, search, fit.finished, solution, equal, judged, fit.watch)
 
     def _observe(self, scan: Scan, initial: State | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
@@ -193,11 +199,30 @@ class Estimator:
             return Solution(base, values, problem, True, 0)
         return solver.run(base, solver.limited(values))
 
+    def _chosen(self, fit: Fit, solution: Solution, initial: State | None) -> tuple[Solution, Candidates]:
+        """Return which of the answers that look alike is meant, and the others: by a guess or else by likelihood."""
+        search = fit.solver.search
+        answer = _candidate(solution)
+        equal = equal_answers(self.model, search, answer)
+        if len(equal) == 0 or search.known.held:
+            return solution, equal
+        several = Candidates.concatenate([answer, equal])
+        if initial is None:
+            chosen = likeliest(fit.solver, several, fit.prior)
+        else:
+            base = search.observation.to_search(self.model.root_placement(initial))
+            guess = Candidates(base[None], fit.prior[None], np.zeros(1, np.float32))
+            apart = search.probe_positions(several) - search.probe_positions(guess)
+            chosen = int(np.argmin(np.linalg.norm(apart, axis=-1).reshape(len(several), -1).mean(axis=1)))
+        if chosen > 0:
+            solution = fit.solver.run(several.bases[chosen], fit.solver.limited(several.values[chosen]))
+        return solution, several.take(np.arange(len(several)) != chosen)
+
     def _judge(
         self, search: TreeSearch, solver: JointLeastSquares, solution: Solution, prior: Array
     ) -> tuple[Solution, Doubt]:
         """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
-        final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
+        final = _candidate(solution)
         errors = observed_errors(search, final)
         # Points of its neighbours touch a part that the scan lacks.
         absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
@@ -237,16 +262,17 @@ class Estimator:
         search: TreeSearch,
         finished: Candidates,
         solution: Solution,
+        equal: Candidates,
         judged: Doubt,
         watch: Stopwatch,
     ) -> Estimate:
         model, observation = self.model, search.observation
-        final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
+        final = _candidate(solution)
         seen = _seen_shares(search.scored(final)[1][0], observation)
         with watch.stage("confidence"):
             evidence = gathered(search, final, finished)
         with watch.stage("equal answers"):
-            others = self._others(search, final, finished)
+            others = self._others(search, final, finished, equal)
         state = self._state(observation, solution.base, solution.values)
         T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
         labels, distances = self._labels(scan, search, observation.to_search(T_scan_parts))
@@ -292,9 +318,8 @@ class Estimator:
             units={name: model.units[name] for name in names},
         )
 
-    def _others(self, search: TreeSearch, final: Candidates, finished: Candidates) -> Candidates:
-        """Return what the search found besides the answer, and what the model's symmetry makes of it, best first."""
-        made = equal_answers(self.model, search, final)
+    def _others(self, search: TreeSearch, final: Candidates, finished: Candidates, made: Candidates) -> Candidates:
+        """Return what the search found besides the answer, and what the model's symmetry `made` of it, best first."""
         if len(made):
             # Parts only nearly look alike, so that a little refinement may help, or not.
             refined = search.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
@@ -323,6 +348,10 @@ class Estimator:
             search.reach,
         )
         return np.asarray(part, np.int64), distance.astype(float) * self.model.diagonal
+
+
+def _candidate(solution: Solution) -> Candidates:
+    return Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
 
 
 def _seen_shares(support: NDArray[np.float32], observation: Observation) -> NDArray[np.float32]:

@@ -203,25 +203,33 @@ class JointLeastSquares:
         noise = self.options.sigmas * self.search.observation.noise
         return max(self.options.least_sigma, noise, residual)
 
-    def build(self, base: Array, values: Array, sigma: float) -> Problem:
-        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
+    def part_twists(self, base: Array, values: Array) -> tuple[Array, Array]:
+        """Return placements (parts, 4, 4) and part twists (parts, 6, 6 + k) per unit of base twist and joints.
+
+        All twists are about the base's origin.
+        """
         metres = values * self.unit
         placements = self.model.part_placements(metres)
         R = base[:3, :3]
-        # Pinocchio gives the velocity of each part's own origin; twists are about the base's origin here.
+        # Pinocchio gives the velocity of each part's own origin.
         J = self.model.part_jacobians(metres)
         angular, linear = J[:, :3], J[:, 3:] + se3.skew(placements[:, :3, 3]) @ J[:, :3]
         joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.unit
-        full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
+        full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
+        return np.ascontiguousarray(base @ placed), full
+
+    def build(self, base: Array, values: Array, sigma: float) -> Problem:
+        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
+        placed, full = self.part_twists(base, values)
         kernel_scale = max(sigma, self.options.kernel_sigmas * self.search.observation.noise)
         information, part_g, counts = self.search.native.normal_equations(
-            np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
+            placed, self.search.observation.given, self.search.observation.given_normals,
             kernel_scale, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights, self.along_rays,
         )  # fmt: skip
-        outline = self.outline(base @ placed, base[:3, 3])
+        outline = self.outline(placed, base[:3, 3])
         mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
         H = normal_matrix(full, information)
@@ -258,7 +266,6 @@ class JointLeastSquares:
 
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
-        base, values = base.copy(), values.copy()
         converged, iterations = False, 0
         sigma = self.robust_scale(base, values)
         if self.silhouette is None:
@@ -268,12 +275,17 @@ class JointLeastSquares:
             iterations += 1
             step = self.solve(problem, values)
             converged = problem.displacement(step) < self.options.tolerance
-            move = se3.exp(step[:6])
-            base[:3, :3] = move[:3, :3] @ base[:3, :3]
-            base[:3, 3] += move[:3, 3]
-            values = self.limited(values + step[6:])
+            base, values = self.stepped(base, values, step)
             problem = self.build(base, values, sigma)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
+
+    def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
+        """Return the configuration after a step (6 + k,)."""
+        move = se3.exp(step[:6])
+        moved = base.copy()
+        moved[:3, :3] = move[:3, :3] @ base[:3, :3]
+        moved[:3, 3] += move[:3, 3]
+        return moved, self.limited(values + step[6:])
 
     def limited(self, values: Array) -> Array:
         """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""

@@ -29,6 +29,16 @@ def components(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]:
 def dominant_plane(
     points: NDArray[np.float32], normals: NDArray[np.float32], tolerance: float, trials: int, seed: int
 ) -> tuple[float, float, float, float, int]: ...
+def closest_on_meshes(
+    meshes: Sequence[TriangleMesh],
+    placements: NDArray[np.float64],
+    points: NDArray[np.float32],
+    reach: float,
+    threads: int,
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
+
+class TriangleMesh:
+    def __init__(self, vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> None: ...
 
 class Articulated:
     def __init__(

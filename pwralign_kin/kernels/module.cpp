@@ -2,6 +2,7 @@
 #include "cloud.hpp"
 #include "search.hpp"
 #include "tracking.hpp"
+#include "triangles.hpp"
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
@@ -239,6 +240,47 @@ void bind_model(nb::module_ &m) {
             }
             return to_numpy(std::move(out), {configurations.size(), size_t(self.parts), 4, 4});
         }, "bases"_a, "values"_a);
+}
+
+void bind_meshes(nb::module_ &m) {
+    nb::class_<TriangleMesh>(m, "TriangleMesh")
+        .def("__init__", [](TriangleMesh *self, Points vertices, In<int, nb::shape<-1, 3>> faces) {
+            for (size_t i = 0; i < faces.size(); ++i) require(faces.data()[i] >= 0 && faces.data()[i] < int(vertices.shape(0)), "a face names a vertex that does not exist");
+            nb::gil_scoped_release release;
+            new (self) TriangleMesh(vectors(vertices), faces.data(), faces.shape(0));
+        }, "vertices"_a, "faces"_a);
+    m.def("closest_on_meshes", [](std::vector<const TriangleMesh *> meshes, Placements placements, Points points, float reach, int threads) {
+        require(placements.shape(0) == meshes.size(), "one placement per mesh is needed");
+        std::vector<Rigid> T;
+        for (size_t i = 0; i < meshes.size(); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+        std::vector<Vec> closest = copied(points);
+        std::vector<int> owner(closest.size(), -1);
+        {
+            nb::gil_scoped_release release;
+            std::vector<RigidF> into, out;
+            for (const Rigid &placed : T) into.push_back(to_float(inverse(placed))), out.push_back(to_float(placed));
+            constexpr int64_t block = 128;
+            const int64_t count = int64_t(closest.size());
+            parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
+                // The mesh of the point before is tried first: a near one spares the search of the others.
+                int likely = 0;
+                for (int64_t k = b * block; k < std::min(count, (b + 1) * block); ++k) {
+                    const Vec p = closest[k];
+                    float squared = reach * reach;
+                    Vec local;
+                    auto offer = [&](int i) {
+                        const float own = meshes[i]->closest(apply(into[i], p), squared, local);
+                        if (own < squared) squared = own, owner[k] = likely = i, closest[k] = apply(out[i], local);
+                    };
+                    const int first = likely;
+                    if (!meshes.empty()) offer(first);
+                    for (int i = 0; i < int(meshes.size()); ++i)
+                        if (i != first) offer(i);
+                }
+            });
+        }
+        return nb::make_tuple(to_numpy(closest), to_numpy(std::move(owner)));
+    }, "meshes"_a, "placements"_a, "points"_a, "reach"_a, "threads"_a);
 }
 
 void bind_search(nb::module_ &m) {
@@ -568,6 +610,7 @@ NB_MODULE(_native, m) {
 #endif
     bind_clouds(m);
     bind_model(m);
+    bind_meshes(m);
     bind_search(m);
     bind_tracking(m);
 }

@@ -183,6 +183,17 @@ class ArticulatedModel:
         return kernel_model(self, self.surfaces)
 
     @cached_property
+    def kernel_meshes(self) -> list[kernels.TriangleMesh]:
+        """The triangles of every part as the compiled kernels take them, lengths in model diagonals."""
+        return [
+            kernels.TriangleMesh(
+                np.ascontiguousarray(part.vertices / self.diagonal, np.float32).reshape(-1, 3),
+                np.ascontiguousarray(part.faces, np.int32).reshape(-1, 3),
+            )
+            for part in self.parts
+        ]
+
+    @cached_property
     def reach(self) -> float:
         """Largest extent of the model over its joint values, m."""
         return model_reach(self.kernel_model, self.surfaces) * self.diagonal

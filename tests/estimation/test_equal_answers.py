@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.estimation.joint_closing import turned_about
 from pwralign_kin.model.symmetry import find_symmetry
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import FULL, SimulatedScan
 
 LEG = """
   <link name="{name}">
@@ -96,3 +97,28 @@ def test_a_rotation_is_split_into_its_turn_about_an_axis_and_the_rest() -> None:
     angle, rest = turned_about(R, axis)
     np.testing.assert_allclose(angle, turns, atol=1e-12)
     np.testing.assert_allclose(rest, rests, atol=1e-7)
+
+
+PLATE = '<visual><origin xyz="0.27 0 0.06"/><geometry><box size="0.05 0.2 0.01"/></geometry></visual>'
+"""A plate on one end of the body, about as thick as the noise."""
+
+
+def test_a_detail_no_thicker_than_the_noise_tells_the_ends_apart(tmp_path: Path) -> None:
+    path = tmp_path / "walker.urdf"
+    path.write_text(WALKER.replace('<link name="body">', f'<link name="body">{PLATE}'))
+    model = pk.ArticulatedModel.from_urdf(path)
+    assert model.symmetry.turns[0].shape[0] > 1
+    for seed in range(4):
+        truth = pk.State(np.eye(4), {"left_hip": 0.7 - seed / 5, "right_hip": -0.2})
+        scan = pk.simulate(model, truth, sensor=replace(FULL, noise=0.005), seed=seed).scan
+        estimate = pk.estimate(model, scan, options=pk.EstimatorOptions(seed=seed))
+        assert estimate.state.joints["left_hip"] == pytest.approx(truth.joints["left_hip"], abs=0.05)
+        assert [other for other in estimate.alternatives if other.equal]
+
+
+def test_of_equal_answers_the_one_near_the_guess_is_meant(walker: pk.ArticulatedModel, scanned: SimulatedScan) -> None:
+    first = pk.estimate(walker, scanned.scan)
+    (other,) = [other for other in first.alternatives if other.equal]
+    for meant in (first.state, other.state):
+        found = pk.estimate(walker, scanned.scan, initial=meant).state
+        assert found.joints["left_hip"] == pytest.approx(meant.joints["left_hip"], abs=0.01)

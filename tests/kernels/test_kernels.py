@@ -104,6 +104,38 @@ def test_dominant_plane_is_found_among_clutter() -> None:
     assert abs(x) + abs(y) < 1e-6
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_closest_places_on_meshes_are_those_of_brute_force(threads: int) -> None:
+    import trimesh
+
+    random = np.random.default_rng(7)
+    solids = [trimesh.creation.icosphere(subdivisions=2, radius=0.3), trimesh.creation.box([0.4, 0.2, 0.1])]
+    placements = np.tile(np.eye(4), (2, 1, 1))
+    placements[1, :3, 3] = 0.5, 0.1, 0.0
+    points = random.uniform(-0.6, 0.9, (500, 3)).astype(np.float32)
+    meshes = [
+        kernels.TriangleMesh(np.ascontiguousarray(m.vertices, np.float32), np.ascontiguousarray(m.faces, np.int32))
+        for m in solids
+    ]
+    closest, mesh = kernels.closest_on_meshes(meshes, placements, points, 0.25, threads)
+    each = [
+        trimesh.triangles.closest_point(
+            np.repeat(m.triangles, len(points), axis=0),
+            np.tile(points - T[:3, 3], (len(m.triangles), 1)),
+        ).reshape(len(m.triangles), len(points), 3)
+        + T[:3, 3]
+        for m, T in zip(solids, placements, strict=True)
+    ]
+    distance = np.array([np.linalg.norm(found - points, axis=2).min(axis=0) for found in each])
+    nearest = np.where(distance.min(axis=0) < 0.25, distance.argmin(axis=0), -1)
+    assert 0 < (nearest < 0).sum() < len(points)
+    np.testing.assert_array_equal(mesh, nearest)
+    found = np.linalg.norm(closest - points, axis=1)[nearest >= 0]
+    np.testing.assert_allclose(found, distance.min(axis=0)[nearest >= 0], atol=1e-6)
+    with pytest.raises(ValueError, match="vertex"):
+        kernels.TriangleMesh(points[:2].copy(), np.array([[0, 1, 2]], np.int32))
+
+
 def test_wrong_shapes_and_names_are_refused() -> None:
     points = cloud(10)
     with pytest.raises(ValueError, match="differ in length"):

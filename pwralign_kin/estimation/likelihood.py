@@ -1,0 +1,100 @@
+"""Which of several answers that look alike the scan speaks for: their likelihoods on the model's own triangles.
+
+Answers made from a model's symmetry differ by details that are far smaller than the noise (the bolts of one side, a
+chamfer), which samples of its surface do not resolve but thousands of points together tell. Each answer is fitted once
+more, to the exact closest points of the triangles, before it is judged. The noise of a point is normal, or anything.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, bounded_step, normal_matrix
+from pwralign_kin.estimation.observation import Float
+from pwralign_kin.se3 import Array
+
+MOST_POINTS = 5000
+"""Scan points that are looked at."""
+REACH = 0.03
+"""Points farther from the model (model diagonals) are of other things."""
+LEAST_NOISE = 0.0003
+"""Least standard deviation of the points (model diagonals): what single precision and bent surfaces leave."""
+ANYTHING = 0.02
+"""Density of the points that are not on the model, against that of the normal noise at its peak."""
+STEPS = 2
+"""Steps of Gauss-Newton towards the exact closest points; the gain of the last is taken from its linear model."""
+TIE = 1.0
+"""Logarithm of the likelihood ratio below which a scan does not speak for either of two answers."""
+
+
+def likeliest(solver: JointLeastSquares, several: Candidates, expected: Array) -> int:
+    """Return which of several answers is most likely; of equally likely ones the nearest to `expected` values (k,)."""
+    logs = log_likelihoods(solver, several)
+    tied = np.flatnonzero(logs > logs.max() - TIE)
+    apart = np.abs(several.values[tied] - expected)
+    wraps = solver.model.continuous
+    apart[:, wraps] = np.minimum(apart[:, wraps], 2 * np.pi - apart[:, wraps])
+    return int(tied[np.argmin(np.linalg.norm(apart, axis=1))])
+
+
+def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
+    """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer."""
+    points = _points_near(solver, several.take([0]))
+    looks = [_Look(solver, points, *answer) for answer in zip(several.bases, several.values, strict=True)]
+    noise = max(LEAST_NOISE, 1.4826 * float(np.median(looks[0].distance)))
+    return np.array([_log_likelihood(solver, points, look, noise) for look in looks])
+
+
+def _log_likelihood(solver: JointLeastSquares, points: Float, look: _Look, noise: float) -> float:
+    """Return the logarithm of the likelihood at its maximum near to what is looked at."""
+    for _ in range(STEPS - 1):
+        step, _ = look.step(solver, noise)
+        look = _Look(solver, points, *solver.stepped(look.base, look.values, step))
+    prior = solver.prior(look.base, look.values)
+    against = float(prior.g @ np.linalg.lstsq(prior.H, prior.g)[0]) / 2
+    return look.step(solver, noise)[1] - against
+
+
+class _Look:
+    """One configuration held against points."""
+
+    def __init__(self, solver: JointLeastSquares, points: Float, base: Array, values: Array) -> None:
+        self.base, self.values = base, values
+        placements, self.twists = solver.part_twists(base, values)
+        closest, self.part = kernels.closest_on_meshes(
+            solver.model.kernel_meshes, placements, points, REACH, solver.search.threads
+        )
+        off = points.astype(float) - closest
+        self.distance = np.where(self.part >= 0, np.linalg.norm(off, axis=1), REACH)
+        away = off / np.maximum(self.distance, 1e-9)[:, None]
+        self.rows = np.concatenate([np.cross(closest - base[:3, 3], away), away], axis=1)
+
+    def step(self, solver: JointLeastSquares, noise: float) -> tuple[Array, float]:
+        """Return the step (6 + k,) to the maximum and the logarithm of the likelihood expected there."""
+        normal = np.exp(-0.5 * (self.distance / noise) ** 2)
+        weight = normal / (normal + ANYTHING)
+        information = np.zeros((len(self.twists), 6, 6))
+        gradients = np.zeros((len(self.twists), 6))
+        for part in np.unique(self.part[self.part >= 0]):
+            own = self.part == part
+            weighted = self.rows[own] * weight[own, None]
+            information[part] = weighted.T @ self.rows[own]
+            gradients[part] = weighted.T @ self.distance[own]
+        H, g = normal_matrix(self.twists, information), np.einsum("pia,pi->a", self.twists, gradients)
+        step = bounded_step(H, g, *solver.step_bounds(self.values), solver.options.damping)
+        gain = float(g @ step - step @ H @ step / 2) / noise**2
+        return step, float(np.log(normal + ANYTHING).sum()) + gain
+
+
+def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
+    """Return scan points (n, 3) near to an answer, as given by the sensor."""
+    search = solver.search
+    raw = search.observation.raw
+    placements = np.ascontiguousarray(search.part_placements(answer)[0])
+    distance: NDArray[np.float32] = search.native.assign(raw, placements, search.exists.astype(np.uint8), REACH)[0]
+    near = raw[distance < REACH]
+    chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
+    return np.ascontiguousarray(near[chosen])
