@@ -208,7 +208,7 @@ class Estimator:
             return solution, equal
         several = Candidates.concatenate([answer, equal])
         if initial is None:
-            chosen = likeliest(fit.solver, several, fit.prior)
+            chosen = likeliest(fit.solver, several)
         else:
             base = search.observation.to_search(self.model.root_placement(initial))
             guess = Candidates(base[None], fit.prior[None], np.zeros(1, np.float32))

@@ -26,18 +26,14 @@ ANYTHING = 0.02
 """Density of the points that are not on the model, against that of the normal noise at its peak."""
 STEPS = 2
 """Steps of Gauss-Newton towards the exact closest points; the gain of the last is taken from its linear model."""
-TIE = 1.0
-"""Logarithm of the likelihood ratio below which a scan does not speak for either of two answers."""
+TIE = 2.0
+"""Logarithm of the likelihood ratio up to which a scan does not speak for either of two answers."""
 
 
-def likeliest(solver: JointLeastSquares, several: Candidates, expected: Array) -> int:
-    """Return which of several answers is most likely; of equally likely ones the nearest to `expected` values (k,)."""
+def likeliest(solver: JointLeastSquares, several: Candidates) -> int:
+    """Return which of several answers is the most likely, the first unless the scan speaks for another."""
     logs = log_likelihoods(solver, several)
-    tied = np.flatnonzero(logs > logs.max() - TIE)
-    apart = np.abs(several.values[tied] - expected)
-    wraps = solver.model.continuous
-    apart[:, wraps] = np.minimum(apart[:, wraps], 2 * np.pi - apart[:, wraps])
-    return int(tied[np.argmin(np.linalg.norm(apart, axis=1))])
+    return int(np.argmax(logs)) if logs.max() > logs[0] + TIE else 0
 
 
 def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
