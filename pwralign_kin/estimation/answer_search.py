@@ -25,9 +25,9 @@ WARM_SIGMAS = (0.06, 0.03, 0.1)
 """Robust scales (model diagonals) that a guess is refined from, until the answer is plainly right."""
 PLAIN_UNEXPLAINED = 0.004
 """An answer that is plainly right leaves no greater share of the scan unexplained, ..."""
-PLAIN_REACH, PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.005, 0.01, 0.1, 25
-"""... no more of the points farther from it than this (model diagonals) and three times the noise, be it of all points
-or of those of one part (or of so many, where it has fewer), ..."""
+PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.01, 0.1, 25
+"""... no more of the points farther from it than noise explains, be it of all points or of those of one part (or of so
+many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
 UNCONVINCING = 0.015
@@ -44,6 +44,9 @@ READING_GAIN = 0.001
 """... as long as coarse and tight score gain this, ..."""
 SURE = 0.85
 """... and unless it has this confidence."""
+SAMPLING, ANYWHERE, FINEST_REACH = 0.002, 0.02, 0.06
+"""Distance (model diagonals) that samples of the surface leave beside the noise, density of points that are not on the
+model against that of the noise at its peak, and distance beyond which all are alike."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -256,7 +259,7 @@ class AnswerSearch:
             others = unlike(search, solutions, [best], search.options.distinct)
             few = replace(self.repairing, rounds=1)
             read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-            before, after = (ranked(search, several.take([0])).scores[0] for several in (solutions, read))
+            before, after = _ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
                 break
             solutions = read
@@ -325,13 +328,18 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
 
 def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return which of the distances of scan points from the model are beyond what noise explains."""
-    return np.asarray(distance > PLAIN_REACH + 3.0 * search.observation.noise)
+    return np.asarray(distance > search.noise_reach)
 
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
-    """Return refined candidates by coarse and tight scores together, best first."""
-    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
-    return Candidates(candidates.bases, candidates.values, total).best_first()
+    """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
+    return Candidates(candidates.bases, candidates.values, _ranks(search, candidates)).best_first()
+
+
+def _ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the scores that `ranked` ranks by."""
+    coarse, tight = (search.scored(candidates, distance)[0].scores for distance in (None, _tight(search, candidates)))
+    return np.asarray(coarse + tight + _finest(search, candidates), np.float32)
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
@@ -341,7 +349,7 @@ def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.flo
         search.native.score(candidates.bases, candidates.values, points, distance)[1]
         for distance in (search.options.coverage_distance, _tight(search, candidates))
     ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+    return np.asarray(search.coverage_scale * (several[0] + several[1]) + _finest(search, candidates), np.float32)
 
 
 def _tight(search: TreeSearch, candidates: Candidates) -> float:
@@ -351,3 +359,20 @@ def _tight(search: TreeSearch, candidates: Candidates) -> float:
         # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
         blur = max(blur, search.residual(candidates.take([0])))
     return 0.012 + 1.5 * min(blur, 0.012)
+
+
+def _finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the mean logarithm of the likelihood of the scan's points, each on the model but for noise, or anywhere.
+
+    Where a small part is wrong, other surface often lies so near to its points that wider scores hardly see it.
+    """
+    if search.observation.scene:
+        return np.zeros(len(candidates), np.float32)  # most of it is other things
+    # The noise counts, and what a bent scan leaves beside it.
+    noise = np.hypot(max(search.observation.noise, search.residual(candidates.take([0]))), SAMPLING)
+    placements = search.part_placements(candidates)
+    mask = search.exists.astype(np.uint8)
+    distances = np.array(
+        [search.native.assign(search.observation.given, np.ascontiguousarray(T), mask, FINEST_REACH)[0] for T in placements]
+    )
+    return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE).mean(axis=1), np.float32)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.estimation.voting import VoteOptions, voted
+from pwralign_kin.estimation.voting import VoteOptions, misfits, voted
 from pwralign_kin.se3 import Array, rotation_about
 
 Bool = NDArray[np.bool_]
@@ -134,6 +134,10 @@ def repair_moves(
         ways = (True,) if search.observation.scene else (False, True)
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
         moves += [vote for vote in votes if vote is not None]
+    elif foremost and misfits(search, solution, options.votes) >= options.votes.least_misfits:
+        # A small part that is wrong leaves little unexplained where other surface lies near to its points.
+        votes = [voted(search, solution, options.votes, seed, doubting=way, by_noise=True) for way in (False, True)]
+        moves += [vote for vote in votes if vote is not None]
     if not single:
         moves += _without_absent(search, solution, exists & (support < 0.2))
     if foremost:
@@ -215,7 +219,7 @@ def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candida
     """
     every = np.arange(solution.values.shape[1], dtype=np.int32)
     held = np.flatnonzero(_among_largest(search, held_limbs)).astype(np.int32)
-    first, second = _compound_joints(search)
+    first, second = _compound_joints(search, search.lacks(solution))
     joint = np.concatenate([every, held, first])
     with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
     base_moves = np.zeros(len(joint), bool)
@@ -233,10 +237,14 @@ def _among_largest(search: TreeSearch, count: int) -> Bool:
     return chosen
 
 
-def _compound_joints(search: TreeSearch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return pairs of actuated joints, inner and outer, that have no surface between them."""
+def _compound_joints(search: TreeSearch, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return pairs of actuated joints, inner and outer, between which no surface tells where to turn.
+
+    The part between them has none, or explains too little, as does the part beyond: both are `lacking`.
+    """
     actuated, parent = search.model.actuated, search.parent
-    outer = [i for i in range(1, len(parent)) if parent[i] > 0 and not search.exists[parent[i]]]
+    silent = ~search.exists
+    outer = [i for i in range(1, len(parent)) if parent[i] > 0 and (silent | (lacking & lacking[i]))[parent[i]]]
     pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
     first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
     return np.ascontiguousarray(first), np.ascontiguousarray(second)

@@ -427,6 +427,11 @@ class TreeSearch:
         """Distance within which a scan point lies on the model."""
         return 0.02 + 2 * self.observation.noise
 
+    @property
+    def noise_reach(self) -> float:
+        """Distance from the model beyond which noise does not explain a scan point that lies on it."""
+        return 0.005 + 3.0 * self.observation.noise
+
     def _distances(self, candidate: Candidates, points: Float) -> Float:
         return self._assigned(candidate, points, self.exists)[0]
 

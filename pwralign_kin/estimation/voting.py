@@ -43,15 +43,20 @@ class VoteOptions:
     scene_reach: float = 0.35
     """Only points of a scene this near (model diagonals) to explained ones may be of the model."""
     least_points: int = 25
-    """Unexplained points that are worth a vote."""
+    """Unexplained points that are worth a vote, ..."""
+    least_misfits: int = 5
+    """... or so many that lie by the surface, but farther off than noise explains, ..."""
+    misfit_radius: float = 0.03
+    """... with others this near to each of them."""
 
 
 def voted(
-    search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int, *, doubting: bool
+    search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int, *, doubting: bool, by_noise: bool = False
 ) -> Candidates | None:
     """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
 
-    When `doubting`, points on parts that explain too little vote too: they may belong to another part.
+    When `doubting`, points on parts that explain too little vote too: they may belong to another part. When `by_noise`,
+    points farther from the surface than noise explains are unexplained.
     """
     owners = search.owners(solution, search.exists)[1]
     share = np.minimum(search.explained_shares(owners), 1.0)
@@ -59,10 +64,13 @@ def voted(
     right = search.exists & ~lacking
     lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
     wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
-    unexplained = search.owners(solution, right if doubting else search.exists)[0] > search.reach
+    reach, least = (
+        (search.noise_reach, options.least_misfits) if by_noise else (search.reach, options.least_points)
+    )
+    unexplained = search.owners(solution, right if doubting else search.exists)[0] > reach
     if search.observation.scene:
         unexplained &= _about(search, ~unexplained, options.scene_reach)
-    if unexplained.sum() < options.least_points or not wrong or not right.any():
+    if unexplained.sum() < least or not wrong or not right.any():
         return None
     best = int(np.argmax(search.weights * share * right))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
@@ -101,6 +109,18 @@ def voted(
         )
     )  # fmt: skip
     return reached if len(reached) else None
+
+
+def misfits(search: TreeSearch, solution: Candidates, options: VoteOptions) -> int:
+    """Return how many scan points lie farther from one solution than noise explains, and not alone: strays do."""
+    from scipy.spatial import cKDTree
+
+    points = search.observation.points[search.owners(solution, search.exists)[0] > search.noise_reach]
+    if len(points) < options.least_misfits:
+        return 0
+    tree = cKDTree(points)
+    near = tree.query_ball_point(points, options.misfit_radius, return_length=True)
+    return int((near >= options.least_misfits).sum())
 
 
 def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
