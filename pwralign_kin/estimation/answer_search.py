@@ -41,7 +41,7 @@ GROWN_FROM_BASE = 12
 REREADINGS, READINGS = 3, 5
 """How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
-"""... as long as coarse and tight score gain this, ..."""
+"""... as long as the scores that answers are ranked by gain this, ..."""
 SURE = 0.85
 """... and unless it has this confidence."""
 SAMPLING, ANYWHERE, FINEST_REACH = 0.002, 0.02, 0.06
@@ -339,7 +339,7 @@ def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
 def _ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the scores that `ranked` ranks by."""
     coarse, tight = (search.scored(candidates, distance)[0].scores for distance in (None, _tight(search, candidates)))
-    return np.asarray(coarse + tight + _finest(search, candidates), np.float32)
+    return np.asarray(coarse + tight + finest(search, candidates), np.float32)
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
@@ -349,7 +349,7 @@ def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.flo
         search.native.score(candidates.bases, candidates.values, points, distance)[1]
         for distance in (search.options.coverage_distance, _tight(search, candidates))
     ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]) + _finest(search, candidates), np.float32)
+    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
 
 
 def _tight(search: TreeSearch, candidates: Candidates) -> float:
@@ -361,7 +361,7 @@ def _tight(search: TreeSearch, candidates: Candidates) -> float:
     return 0.012 + 1.5 * min(blur, 0.012)
 
 
-def _finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the mean logarithm of the likelihood of the scan's points, each on the model but for noise, or anywhere.
 
     Where a small part is wrong, other surface often lies so near to its points that wider scores hardly see it.
@@ -373,6 +373,9 @@ def _finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     placements = search.part_placements(candidates)
     mask = search.exists.astype(np.uint8)
     distances = np.array(
-        [search.native.assign(search.observation.given, np.ascontiguousarray(T), mask, FINEST_REACH)[0] for T in placements]
+        [
+            search.native.assign(search.observation.given, np.ascontiguousarray(T), mask, FINEST_REACH)[0]
+            for T in placements
+        ]
     )
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE).mean(axis=1), np.float32)

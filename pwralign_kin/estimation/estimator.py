@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import EFFORTS, AnswerSearch, total_coverage
+from pwralign_kin.estimation.answer_search import EFFORTS, AnswerSearch, finest, total_coverage
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences
@@ -35,7 +35,9 @@ NO_COST = 0.004
 NO_POINTS = 3.0
 """... and scan points that it may leave unexplained, ..."""
 NO_SUPPORT = 0.15
-"""... and support that it may cost any one part: that of a small part is little of the score."""
+"""... and support that it may cost any one part: that of a small part is little of the score, ..."""
+NO_LIKELIHOOD = 5.0
+"""... and logarithm of the likelihood of all scan points."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 EQUAL_POINTS = 600
@@ -253,6 +255,9 @@ class Estimator:
         seen = _seen_shares(search.scored(choices)[1], search.observation)
         hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
         if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
+            return base, values
+        likelihood = finest(search, choices) * len(search.observation.given)
+        if likelihood[best] < likelihood[0] - NO_LIKELIHOOD:
             return base, values
         return bases[best], moved
 

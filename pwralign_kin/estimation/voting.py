@@ -64,9 +64,7 @@ def voted(
     right = search.exists & ~lacking
     lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
     wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
-    reach, least = (
-        (search.noise_reach, options.least_misfits) if by_noise else (search.reach, options.least_points)
-    )
+    reach, least = (search.noise_reach, options.least_misfits) if by_noise else (search.reach, options.least_points)
     unexplained = search.owners(solution, right if doubting else search.exists)[0] > reach
     if search.observation.scene:
         unexplained &= _about(search, ~unexplained, options.scene_reach)
