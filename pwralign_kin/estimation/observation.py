@@ -50,6 +50,8 @@ class ObservationOptions:
     normal_noises: float = 4.0
     neighbour_spacings: float = 1.6
     """... and it is widened to this many point spacings where the scan is sparse."""
+    grazing: float = 0.15
+    """Cosine between ray and normal below which a sensor does not measure the surface that is there."""
     stray_distance: float = 0.06
     """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
     stray_spacings: float = 4.0
@@ -146,6 +148,9 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     noise = noise_of(at_most(raw, options.most_raw), threads)
     normals = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
+    if origin is not None:
+        faced = facing(points, normals, origin, options)
+        points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
     field = kernels.ScanField(
@@ -154,7 +159,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw if origin is not None else np.zeros((0, 3), np.float32),
         options.depth_pixel, options.depth_tolerance, options.shadow, threads,
     )  # fmt: skip
-    given, given_normals = as_given(raw, cell, field, normals, options)
+    given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
         noise, origin, field, centre, diagonal,
@@ -200,11 +205,12 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], field: Any, normals: Float, options: ObservationOptions
+    raw: Float, cell: NDArray[np.int32], field: Any, points: Float, normals: Float, options: ObservationOptions
 ) -> tuple[Float, Float]:
-    """Return raw points, few of each occupied `cell`, with the normals of the prepared points that `field` finds near.
+    """Return raw points, few of each `cell`, with the normals of the prepared `points` that `field` finds near.
 
-    Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
+    Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
+    point of their own cell or the next.
     """
     order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
     by_cell = order[np.argsort(cell[order], kind="stable")]
@@ -213,7 +219,7 @@ def as_given(
     chosen = by_cell[rank < options.given_per_cell]
     given = raw[chosen]
     nearest = field.nearest(given)
-    near = nearest >= 0
+    near = (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
 
@@ -310,6 +316,13 @@ def wide_plane(
     centre = on_plane.mean(axis=0)
     _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
+
+
+def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:
+    """Return which points face the sensor; the others are mostly mixed pixels between an edge and what lies behind."""
+    rays = origin - points
+    along = np.einsum("ij,ij->i", normals, rays)
+    return np.asarray(along > options.grazing * np.linalg.norm(rays, axis=1))
 
 
 def sixth_neighbour(points: Float, threads: int) -> Float:
