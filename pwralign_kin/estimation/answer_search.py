@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
@@ -174,14 +175,11 @@ class AnswerSearch:
         """Search a scan of the model."""
         search = self.search
         with self.watch.stage("hypotheses"):
-            found = self._outside(seed)
-            if "pairs" in self.options.sources:
-                found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
-            if len(found.parts) == 0:
+            hypotheses = self._hypotheses(seed)
+            if len(hypotheses.parts) == 0:
                 raise self._nothing_placed
-            hypotheses = search.promising(found)
         with self.watch.stage("growth"):
-            grown = search.grow(hypotheses)
+            grown = search.grow(hypotheses, search.options.beam)
             if search.known.near:
                 from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
                 grown = Candidates.concatenate([from_base, grown])
@@ -286,6 +284,22 @@ class AnswerSearch:
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)
         return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
+
+    def _hypotheses(self, seed: int) -> Hypotheses:
+        """Return the part hypotheses that are grown.
+
+        Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
+        than small ones that lie anywhere on it.
+        """
+        search, sources = self.search, self.options.sources
+        found = self._outside(seed)
+        if "pairs" in sources:
+            found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+        promising = search.promising(found)
+        if "faces" not in sources:
+            return promising
+        largest = search.largest_parts(search.options.root_parts)
+        return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
 
     def _outside(self, seed: int) -> Hypotheses:
         """Return part hypotheses from correspondences: those given, and those of the built-in features."""

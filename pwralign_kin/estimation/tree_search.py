@@ -266,9 +266,9 @@ class TreeSearch:
             return self.options.scene_hypotheses_per_part
         return self.options.hypotheses_per_part + self.many * self.options.more_hypotheses
 
-    def grow(self, hypotheses: Hypotheses) -> Candidates:
-        """Return for each placed part the best whole configuration grown from it (scored by growth alone)."""
-        return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements))
+    def grow(self, hypotheses: Hypotheses, keep: int = 1) -> Candidates:
+        """Return the best `keep` whole configurations grown from each placed part (scored by growth alone)."""
+        return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements, keep))
 
     def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
         """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""

@@ -200,7 +200,7 @@ class Search:
         self, bases: NDArray[np.float64], values: NDArray[np.float64], keep: int, apart: float
     ) -> NDArray[np.int32]: ...
     def grow(
-        self, parts: NDArray[np.int32], placements: NDArray[np.float64]
+        self, parts: NDArray[np.int32], placements: NDArray[np.float64], keep: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def regrow(
         self,

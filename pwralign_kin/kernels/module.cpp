@@ -352,16 +352,16 @@ void bind_search(nb::module_ &m) {
             }
             return to_numpy(std::move(kept));
         }, "bases"_a, "values"_a, "keep"_a, "apart"_a)
-        .def("grow", [](const Search &self, Ints parts, Placements placements) {
+        .def("grow", [](const Search &self, Ints parts, Placements placements, int keep) {
             auto roots = read_hypotheses(self.model, parts, placements);
             std::vector<Configuration> grown;
             {
                 nb::gil_scoped_release release;
                 self.refine_parts(roots, 0);
-                grown = self.grow(roots);
+                grown = self.grow(roots, keep);
             }
             return write_configurations(self.model, grown);
-        }, "parts"_a, "placements"_a)
+        }, "parts"_a, "placements"_a, "keep"_a)
         .def("regrow", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints start, Ints next, FloatMatrix weights, int keep) {
             const auto from = read_configurations(self.model, bases, values);
             const size_t count = configuration.shape(0), n = self.model.parts;

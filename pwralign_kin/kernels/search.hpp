@@ -122,8 +122,8 @@ class Search {
     std::vector<int> distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const;
     // The same of configurations, whose surfaces must differ by more than `apart` on average; the first `keep` of all.
     std::vector<int> distinct(const std::vector<Configuration> &configurations, int keep, float apart) const;
-    // The best configuration grown from each placed part.
-    std::vector<Configuration> grow(const std::vector<Hypothesis> &roots) const;
+    // The best configurations grown from each placed part, at most `keep`.
+    std::vector<Configuration> grow(const std::vector<Hypothesis> &roots, int keep) const;
     // The best `keep` configurations of each task, in task order.
     std::vector<Configuration> regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                       int keep) const;
