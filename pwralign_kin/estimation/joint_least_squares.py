@@ -224,8 +224,8 @@ class JointLeastSquares:
         return max(self.options.least_sigma, noise, residual)
 
     def frame(self, base: Array, values: Array) -> tuple[Array, Array]:
-        """Return placements (parts, 4, 4) at a configuration, and twists (parts, 6, 6 + k) of the parts about the base's
-        origin per unit of base twist and joint increments."""
+        """Return placements (parts, 4, 4) at a configuration, and the parts' twists about the base's origin (parts, 6,
+        6 + k) per unit of base twist and joint increments."""
         metres = values * self.unit
         placements = self.model.part_placements(metres)
         R = base[:3, :3]

@@ -27,7 +27,7 @@ LEAST_NOISE = 1e-3
 POINTS_AS_ONE = 3.0
 """How many points are worth one whose error is independent: robust weights and neighbours that share their errors."""
 MORE_THAN_FISHER = 1.5
-"""Variance of errors against that which the Fisher information of noisy points promises: sensors do not see surface quite
+"""Variance of errors against that which the Fisher information of noisy points promises: sensors do not see all surface
 as evenly as is assumed."""
 CORRELATED_SHARE, LEAST_CORRELATED = 0.8, 2e-4
 """Standard deviation of the error that all points of a part share: a share of the systematic residual, and at least
