@@ -207,7 +207,7 @@ class Estimator:
             base, values = solution.base, solution.values.copy()
             for joint in np.flatnonzero(undetermined):
                 base, values = self._at_prior(search, base, values, int(joint), prior)
-            solution = solved(solver.with_locked(undetermined, values), base, values)
+            solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
         H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
         return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
 

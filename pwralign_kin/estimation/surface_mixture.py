@@ -27,11 +27,12 @@ DIRECTIONS, UNSEEN = 24, 0.1
 """How many sensors all around are thought to have seen the model, and how much of the surface they may have missed."""
 FIRST_STRAYS, LEAST_STRAYS, MOST_STRAYS = 0.05, 0.002, 0.95
 """Share of the points that are strays, at first and at least and at most."""
-STEPS = 25
-ENOUGH = 0.2
-"""A step is the last when it moves the answer by this many of its own standard deviations."""
-TIE = 0.2
-"""Loss of log-likelihood that a step may have: what comes and goes at the reach of the patches."""
+STEPS = 20
+LITTLE = 0.1
+"""A step is the last when it gains this log-likelihood, or when no more could be gained: the answer then lies within half
+of its own standard deviations from the best."""
+LEAST_DAMPING, CAREFUL = 1e-3, 0.25
+"""Least damping, in units of the Hessian's diagonal, and after a step that gained little."""
 MOST_LOG_NOISE = 0.2
 """Largest change of the noise's logarithm in a step."""
 
@@ -91,20 +92,18 @@ class SurfaceMixture:
     def run(self, base: Array, values: Array, noise: float) -> tuple[_Place, _Evidence, bool, int]:
         """Return the unknowns of greatest likelihood near those given, their evidence, whether steps came to an end,
         and their number."""
-        at, damping, steps, ended = _Place(base, values, noise), 1e-3, 0, False
-        strays = FIRST_STRAYS
-        now = self.evidence(at, strays)
+        at, damping, steps, ended = _Place(base, values, noise), LEAST_DAMPING, 0, False
+        now = self.evidence(at, FIRST_STRAYS)
         while not ended and steps < STEPS:
             steps += 1
-            strays = float(np.clip(now.strays, LEAST_STRAYS, MOST_STRAYS))
             step = self.step(at, now, damping)
             there = self.moved(at, step)
-            then = self.evidence(there, strays)
-            if then.log_likelihood >= now.log_likelihood - TIE:
-                ended = float(step @ now.H @ step) < ENOUGH**2
-                at, now, damping = there, then, max(damping / 4, 1e-4)
-            else:
-                damping *= 8
+            then = self.evidence(there, float(np.clip(now.strays, LEAST_STRAYS, MOST_STRAYS)))
+            expected, gained = 0.5 * float(step @ now.g), then.log_likelihood - now.log_likelihood
+            ended = expected < LITTLE or abs(gained) < LITTLE
+            damping = max(damping / 4, LEAST_DAMPING) if gained > expected / 2 else max(8 * damping, CAREFUL)
+            if gained > 0:
+                at, now = there, then
         return at, now, ended, steps
 
     def step(self, at: _Place, evidence: _Evidence, damping: float) -> Array:
@@ -123,11 +122,12 @@ class SurfaceMixture:
         return _Place(base, values, at.noise * float(np.exp(step[-1])))
 
 
-def solved(solver: JointLeastSquares, base: Array, values: Array) -> Solution:
-    """Return the answer near a configuration: that of the joint least squares, or of the mixture for a noisy scan."""
+def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | None = None) -> Solution:
+    """Return the answer near a configuration: that of the joint least squares, or of the mixture for a noisy scan, whose
+    noise may be `known` from an answer nearby."""
     if not solver.is_noisy:
         return solver.run(base, values)
-    noise = FIRST_NOISE * solver.search.observation.noise
+    noise = FIRST_NOISE * solver.search.observation.noise if known is None else known.noise
     at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(at.base, at.values))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
