@@ -29,8 +29,8 @@ FIRST_STRAYS, LEAST_STRAYS, MOST_STRAYS = 0.05, 0.002, 0.95
 """Share of the points that are strays, at first and at least and at most."""
 STEPS = 20
 LITTLE = 0.1
-"""A step is the last when it gains this log-likelihood, or when no more could be gained: the answer then lies within half
-of its own standard deviations from the best."""
+"""A step is the last when it gains this log-likelihood, or when no more could be gained: the answer then lies within
+half of its standard deviations from the best."""
 LEAST_DAMPING, CAREFUL = 1e-3, 0.25
 """Least damping, in units of the Hessian's diagonal, and after a step that gained little."""
 MOST_LOG_NOISE = 0.2
@@ -123,8 +123,10 @@ class SurfaceMixture:
 
 
 def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | None = None) -> Solution:
-    """Return the answer near a configuration: that of the joint least squares, or of the mixture for a noisy scan, whose
-    noise may be `known` from an answer nearby."""
+    """Return the answer near a configuration: that of the joint least squares, or of the mixture for a noisy scan.
+
+    The noise may be `known` from an answer nearby.
+    """
     if not solver.is_noisy:
         return solver.run(base, values)
     noise = FIRST_NOISE * solver.search.observation.noise if known is None else known.noise
