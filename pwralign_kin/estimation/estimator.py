@@ -21,6 +21,7 @@ from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, observe_scene
 from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
 from pwralign_kin.exceptions import StateError, UnknownNameError
@@ -191,14 +192,14 @@ class Estimator:
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(base, values))
             return Solution(base, values, problem, True, 0)
-        return solver.run(base, solver.limited(values))
+        return solved(solver, base, solver.limited(values))
 
     def _judge(
         self, search: TreeSearch, solver: JointLeastSquares, solution: Solution, prior: Array
     ) -> tuple[Solution, Doubt]:
         """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
         final = Candidates(solution.base[None], solution.values[None], np.zeros(1, np.float32))
-        errors = observed_errors(search, final)
+        errors = observed_errors(search, final, solution.problem)
         # Points of its neighbours touch a part that the scan lacks.
         absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
         undetermined = undetermined_joints(solution.problem, absent, self.slide, solver.locked, errors)
@@ -206,7 +207,7 @@ class Estimator:
             base, values = solution.base, solution.values.copy()
             for joint in np.flatnonzero(undetermined):
                 base, values = self._at_prior(search, base, values, int(joint), prior)
-            solution = solver.with_locked(undetermined, values).run(base, values)
+            solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
         H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
         return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
 

@@ -59,6 +59,8 @@ class LeastSquaresOptions:
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
     """Correspondences farther than this many robust scales do not count."""
+    noisy: float = 0.003
+    """Noise from which a scan fused of several views is fitted to all surface near its points (`surface_mixture`)."""
     silhouette: bool = True
     """Whether the model's outline is fitted to that of a scan seen from one place."""
     most_silhouette: float = 6.0
@@ -78,6 +80,16 @@ class Prior:
     """(6 + k, 6 + k) inverse covariance."""
     g: Array
     """(6 + k,) right-hand side."""
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What a fit to all surface near the points of a noisy scan finds besides the configuration."""
+
+    noise: float
+    """Standard deviation of the points from the surface, model diagonals."""
+    information: Array
+    """(parts, 6, 6) Fisher information of every part's twist about the base's origin."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +114,8 @@ class Problem:
     """What is known beforehand; `H` and `g` are of the scan alone."""
     sigma: float
     """Robust scale of the residuals."""
+    blur: Blur | None = None
+    """For noisy scans; None where the nearest surface tells all."""
 
     @property
     def evidence(self) -> float:
@@ -155,6 +169,12 @@ class JointLeastSquares:
         """Which joints have no freedom (k,)."""
         return self.upper <= self.lower
 
+    @property
+    def is_noisy(self) -> bool:
+        """Whether noise may have taken points to other surface than that nearest to them."""
+        observation = self.search.observation
+        return not observation.single_view and observation.noise > self.options.noisy
+
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
@@ -203,8 +223,9 @@ class JointLeastSquares:
         noise = self.options.sigmas * self.search.observation.noise
         return max(self.options.least_sigma, noise, residual)
 
-    def build(self, base: Array, values: Array, sigma: float) -> Problem:
-        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
+    def frame(self, base: Array, values: Array) -> tuple[Array, Array]:
+        """Return placements (parts, 4, 4) at a configuration, and the parts' twists about the base's origin (parts, 6,
+        6 + k) per unit of base twist and joint increments."""
         metres = values * self.unit
         placements = self.model.part_placements(metres)
         R = base[:3, :3]
@@ -212,16 +233,20 @@ class JointLeastSquares:
         J = self.model.part_jacobians(metres)
         angular, linear = J[:, :3], J[:, 3:] + se3.skew(placements[:, :3, 3]) @ J[:, :3]
         joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.unit
-        full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
+        return base @ placed, np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
+
+    def build(self, base: Array, values: Array, sigma: float) -> Problem:
+        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
+        placed, full = self.frame(base, values)
         kernel_scale = max(sigma, self.options.kernel_sigmas * self.search.observation.noise)
         information, part_g, counts = self.search.native.normal_equations(
-            np.ascontiguousarray(base @ placed), self.search.observation.given, self.search.observation.given_normals,
+            np.ascontiguousarray(placed), self.search.observation.given, self.search.observation.given_normals,
             kernel_scale, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
             self.search.weights, self.along_rays,
         )  # fmt: skip
-        outline = self.outline(base @ placed, base[:3, 3])
+        outline = self.outline(placed, base[:3, 3])
         mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
         H = normal_matrix(full, information)
@@ -258,7 +283,6 @@ class JointLeastSquares:
 
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
-        base, values = base.copy(), values.copy()
         converged, iterations = False, 0
         sigma = self.robust_scale(base, values)
         if self.silhouette is None:
@@ -268,12 +292,16 @@ class JointLeastSquares:
             iterations += 1
             step = self.solve(problem, values)
             converged = problem.displacement(step) < self.options.tolerance
-            move = se3.exp(step[:6])
-            base[:3, :3] = move[:3, :3] @ base[:3, :3]
-            base[:3, 3] += move[:3, 3]
-            values = self.limited(values + step[6:])
+            base, values = self.moved(base, values, step)
             problem = self.build(base, values, sigma)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
+
+    def moved(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
+        """Return the configuration after a step (6 + k,)."""
+        move, there = se3.exp(step[:6]), base.copy()
+        there[:3, :3] = move[:3, :3] @ base[:3, :3]
+        there[:3, 3] += move[:3, 3]
+        return there, self.limited(values + step[6:])
 
     def limited(self, values: Array) -> Array:
         """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""

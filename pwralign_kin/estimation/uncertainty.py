@@ -26,6 +26,9 @@ LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
 POINTS_AS_ONE = 3.0
 """How many points are worth one whose error is independent: robust weights and neighbours that share their errors."""
+MORE_THAN_FISHER = 1.5
+"""Variance of errors against that which the Fisher information of noisy points promises: sensors do not see all surface
+as evenly as is assumed."""
 CORRELATED_SHARE, LEAST_CORRELATED = 0.8, 2e-4
 """Standard deviation of the error that all points of a part share: a share of the systematic residual, and at least
 this (model diagonals). These three: by joint errors of simulated and real scans, 95% of which are within two std."""
@@ -46,9 +49,10 @@ class Errors:
         return float(np.hypot(CORRELATED_SHARE * self.systematic, LEAST_CORRELATED))
 
 
-def observed_errors(search: TreeSearch, final: Candidates) -> Errors:
-    """Return the errors that one final configuration leaves."""
-    noise = max(search.observation.noise, LEAST_NOISE)
+def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> Errors:
+    """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
+    # Neighbouring points hide some of the noise where it folds thin parts.
+    noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
     return Errors(noise, float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0))))
 
 
@@ -87,8 +91,14 @@ def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Erro
     in their `span` (k,), with the variance of a uniform distribution, whatever the scan tells.
     """
     seen, displacements = _mean_information(problem, absent)
-    variance = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen] + errors.correlated**2
-    H = normal_matrix(problem.J[seen], displacements / variance[:, None, None])
+    own = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen]
+    if problem.blur is None:
+        information = displacements / own[:, None, None]
+    else:
+        # Points that may come from either side of a thin part tell less than their number.
+        own = problem.blur.noise**2 * MORE_THAN_FISHER / problem.counts[seen]
+        information = problem.blur.information[seen] / MORE_THAN_FISHER
+    H = normal_matrix(problem.J[seen], information * (own / (own + errors.correlated**2))[:, None, None])
     H += problem.prior.H
     joints = np.arange(6, len(H))
     H[joints, joints] += 12.0 / np.maximum(span, 1e-9) ** 2

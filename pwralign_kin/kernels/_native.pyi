@@ -264,6 +264,20 @@ class Search:
         along_rays: bool,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
 
+class SurfaceMixture:
+    def __init__(self, model: Articulated, spacing: float) -> None: ...
+    def look(self, placements: NDArray[np.float64], directions: NDArray[np.float32], unseen: float) -> None: ...
+    def evidence(
+        self,
+        points: NDArray[np.float32],
+        placements: NDArray[np.float64],
+        jacobians: NDArray[np.float64],
+        sigma: float,
+        strays: float,
+        volume: float,
+        threads: int,
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]: ...
+
 def explained_within(noise: float) -> float: ...
 
 class Tracking:

@@ -1,6 +1,7 @@
 // Python bindings: arrays in, arrays out. Lengths are in units of the model's diagonal.
 #include "cloud.hpp"
 #include "search.hpp"
+#include "surface_mixture.hpp"
 #include "tracking.hpp"
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -478,6 +479,37 @@ void bind_search(nb::module_ &m) {
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a, "along_rays"_a);
 }
 
+std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
+    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
+    std::vector<Rigid> T;
+    for (int p = 0; p < model.parts; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+    return T;
+}
+
+void bind_mixture(nb::module_ &m) {
+    nb::class_<SurfaceMixture>(m, "SurfaceMixture")
+        .def("__init__", [](SurfaceMixture *self, const Articulated &model, float spacing) {
+            require(spacing > 0, "patches need a spacing");
+            new (self) SurfaceMixture(model, spacing);
+        }, "model"_a, "spacing"_a, nb::keep_alive<1, 2>())
+        .def("look", [](SurfaceMixture &self, Placements placements, Points directions, float unseen) {
+            const std::vector<Rigid> T = part_placements(self.model, placements);
+            nb::gil_scoped_release release;
+            self.look(T, copied(directions), unseen);
+        }, "placements"_a, "directions"_a, "unseen"_a)
+        .def("evidence", [](const SurfaceMixture &self, Points points, Placements placements, In<double, nb::shape<-1, 6, -1>> jacobians, float sigma, float strays, float volume, int threads) {
+            const size_t parts = self.model.parts, n = jacobians.shape(2);
+            require(jacobians.shape(0) == parts && sigma > 0 && volume > 0, "one Jacobian per part, a noise and a volume are needed");
+            const std::vector<Rigid> T = part_placements(self.model, placements);
+            MixtureEvidence out;
+            {
+                nb::gil_scoped_release release;
+                out = self.evidence(copied(points), T, jacobians.data(), int(n), sigma, strays, volume, threads);
+            }
+            return nb::make_tuple(out.log_likelihood, to_numpy(std::move(out.g)), to_numpy(std::move(out.H), {n + 1, n + 1}), to_numpy(std::move(out.part_H), {parts, 6, 6}), out.strays);
+        }, "points"_a, "placements"_a, "jacobians"_a, "sigma"_a, "strays"_a, "volume"_a, "threads"_a);
+}
+
 PinholeView read_view(const Matrix &K, double scale, const Placements &camera, size_t height, size_t width) {
     require(K.shape(0) == 3 && K.shape(1) == 3 && camera.shape(0) == 1 && height > 0 && width > 0, "a depth image needs a 3x3 camera matrix and one placement");
     const double *k = K.data();
@@ -569,5 +601,6 @@ NB_MODULE(_native, m) {
     bind_clouds(m);
     bind_model(m);
     bind_search(m);
+    bind_mixture(m);
     bind_tracking(m);
 }
