@@ -79,7 +79,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     )
 
 
-def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, Array]:
+def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:
     """Return values of a joint (m,) within its limits, and how many probe motions they are from the one it has."""
     step = PROBE_SLIDE if solver.model.units[solver.model.joint_names[joint]] == "m" else PROBE_TURN
     if solver.model.continuous[joint]:
