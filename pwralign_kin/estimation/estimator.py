@@ -15,6 +15,7 @@ from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.joint_profile import profiled
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
@@ -23,7 +24,15 @@ from pwralign_kin.estimation.scene import is_scene, observe_scene
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
+from pwralign_kin.estimation.uncertainty import (
+    WEAK_DISPLACEMENT,
+    Errors,
+    covariance,
+    inverse_covariance,
+    observed_errors,
+    probe_displacements,
+    undetermined_joints,
+)
 from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
@@ -36,6 +45,8 @@ NO_POINTS = 3.0
 """... and scan points that it may leave unexplained, ..."""
 NO_SUPPORT = 0.15
 """... and support that it may cost any one part: that of a small part is little of the score."""
+NO_RIVAL = 6.0
+"""Log-likelihood by which the best value of a weakly determined joint must be better than all others."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 EQUAL_POINTS = 600
@@ -202,7 +213,12 @@ class Estimator:
         errors = observed_errors(search, final, solution.problem)
         # Points of its neighbours touch a part that the scan lacks.
         absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
-        undetermined = undetermined_joints(solution.problem, absent, self.slide, solver.locked, errors)
+        displacement = probe_displacements(solution.problem, absent, self.slide, solver.locked)
+        undetermined = undetermined_joints(displacement, solver.locked, errors)
+        weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
+        if weak.any():
+            solution, sure = self._compared(solver, solution, np.flatnonzero(weak), errors)
+            undetermined &= ~sure
         if undetermined.any():
             base, values = solution.base, solution.values.copy()
             for joint in np.flatnonzero(undetermined):
@@ -210,6 +226,18 @@ class Estimator:
             solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
         H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
         return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
+
+    def _compared(
+        self, solver: JointLeastSquares, solution: Solution, weak: NDArray[np.int64], errors: Errors
+    ) -> tuple[Solution, NDArray[np.bool_]]:
+        """Give weakly determined joints their best values; return too which (k,) have no rival to them."""
+        sure = np.zeros(len(solution.values), bool)
+        for joint in weak:
+            profile = profiled(solver, solution.base, solution.values, int(joint), errors)
+            sure[joint] = profile.margin > NO_RIVAL
+            if sure[joint] and profile.gain > 0.0:
+                solution = solver.run(profile.base, solver.limited(profile.values))
+        return solution, sure
 
     def _at_prior(
         self, search: TreeSearch, base: Array, values: Array, joint: int, prior: Array

@@ -18,6 +18,9 @@ PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
 LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
+WEAK_DISPLACEMENT = 0.0008
+"""From here to there, it is if its other values are compared and none is as good: surfaces are rounder than they are
+told to be."""
 SYSTEMATIC_SHARE = 0.6
 """Share of the systematic residual (sensor bias, model error) that may pass for a motion of a joint."""
 LEAST_POINTS = 8
@@ -57,18 +60,23 @@ def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> 
 
 
 def undetermined_joints(
-    problem: Problem,
-    absent: NDArray[np.bool_],
-    slide: NDArray[np.bool_],
-    locked: NDArray[np.bool_],
-    errors: Errors,
+    displacement: Array, locked: NDArray[np.bool_], errors: Errors, least: float = LEAST_DISPLACEMENT
 ) -> NDArray[np.bool_]:
-    """Return which joints (k,) the scan does not tell; `absent` parts tell nothing.
+    """Return which joints (k,) the scan does not tell, by the displacement of a probe motion (k,).
 
-    A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
-    information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
-    complement of its entry; the outline counts besides the surface, by its weight against it. It must stand out of
-    the systematic residual.
+    It must stand out of the systematic residual, and be no less than the `least`.
+    """
+    return np.asarray(~locked & (displacement < max(least, SYSTEMATIC_SHARE * errors.systematic)))
+
+
+def probe_displacements(
+    problem: Problem, absent: NDArray[np.bool_], slide: NDArray[np.bool_], locked: NDArray[np.bool_]
+) -> Array:
+    """Return by how much (k,) a probe motion of each joint displaces what is seen; `absent` parts tell nothing.
+
+    A joint is undetermined when everything else can compensate its motion: with each observed part's information
+    scaled to mean squared displacement, the least displacement that the probe leaves is the Schur complement of its
+    entry; the outline counts besides the surface, by its weight against it. Locked joints displace nothing.
     """
     seen, displacements = _mean_information(problem, absent)
     mean_H = normal_matrix(problem.J[seen], displacements)
@@ -80,7 +88,7 @@ def undetermined_joints(
     probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
     displacement = np.zeros(len(locked))
     displacement[~locked] = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
-    return np.asarray(~locked & (displacement < max(LEAST_DISPLACEMENT, SYSTEMATIC_SHARE * errors.systematic)))
+    return displacement
 
 
 def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Errors, span: Array) -> Array:
