@@ -35,6 +35,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     };
     for (size_t i = 0; i < positions.size(); ++i) {
         points.push_back({positions[i], normals[i]});
+        rows.push(positions[i], normals[i]);
         include(positions[i]);
         if (has_origin) {
             const Vec ray = positions[i] - sensor;

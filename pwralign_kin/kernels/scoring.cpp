@@ -152,18 +152,22 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
         for (int p = 1; p < n; ++p)
             hangs[p] = hangs[model.parent[p]] || (task.base_moves ? p == child : model.actuated[p] == task.joint);
+        std::vector<int> moving, above; // above: and the child itself
         for (int p = 0; p < n; ++p) {
             const bool is_moving = task.base_moves ? !hangs[p] : hangs[p];
+            if (is_moving && p > 0) moving.push_back(p);
+            if (p > 0 && model.below(child, p)) above.push_back(p);
             moves[p] = is_moving && model.surface[p].exists;
             stays[p] = !is_moving && model.surface[p].exists;
         }
         std::vector<Rigid> T(n);
         std::vector<RigidF> F(n);
-        auto place = [&](const Configuration &at) {
-            model.forward(at.base, at.values.data(), T.data());
-            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+        auto place = [&](const Configuration &at, const std::vector<int> &parts) {
+            model.forward(at.base, at.values.data(), parts, T.data());
+            F[0] = to_float(T[0]);
+            for (const int p : parts) F[p] = to_float(T[p]);
         };
-        place(c);
+        place(c, above);
         const Rigid held = T[child];
         // Two joints take half of their values each: refinement finds the rest of the way.
         const int stride = task.with < 0 ? 1 : 2;
@@ -179,7 +183,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             tried[v].values[task.joint] = sweep.values[stride * (v / second.size)];
             if (task.with >= 0) tried[v].values[task.with] = other.values[stride * (v % second.size)];
             if (!task.base_moves) continue;
-            place(tried[v]);
+            place(tried[v], above);
             tried[v].base = held * inverse(T[child]) * tried[v].base;
         }
         // Few points tell which values are worth a look with many.
@@ -188,7 +192,8 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         for (const PointSample &look : samples) {
             const std::vector<int> &order = look.balled.order;
             const int count = int(order.size());
-            place(c);
+            model.forward(c.base, c.values.data(), T.data());
+            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
             Nearest before(count, options.band);
             offer(look.balled, T.data(), stays.data(), before);
             Nearest now = before;
@@ -205,13 +210,13 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             };
             for (int at = 0; at < count; ++at) gains[order[at]] = gain_at(at, before);
             for (const int v : modes) {
-                place(tried[v]);
+                place(tried[v], moving);
                 now = before, gained = gains;
                 offer(look.balled, T.data(), moves.data(), now);
-                for (int at = 0; at < count; ++at) {
-                    owner[shuffled[order[at]]] = now.part[at];
+                for (int at = 0; at < count; ++at)
                     if (now.part[at] != before.part[at]) gained[order[at]] = gain_at(at, now);
-                }
+                if (!field.has_origin)
+                    for (int at = 0; at < count; ++at) owner[shuffled[order[at]]] = now.part[at];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 const float covered = std::accumulate(gained.begin(), gained.end(), 0.f) / all;
                 tried[v].score = row[v] = total_score(covered, support.data()) - cost(tried[v], F);
