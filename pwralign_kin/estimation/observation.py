@@ -224,14 +224,13 @@ def noise_of(points: Float, threads: int) -> float:
     which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
     apart, down to scans so sparse that no neighbourhood is flat.
     """
-    most = int(2 * NEIGHBOURS.max())
-    if len(points) < most:
+    if len(points) < 2 * NEIGHBOURS.max():
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
-        near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
         for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
-            across, along = _variances(near, counts)
+            near = kernels.nearest_neighbours(points, points[chosen], int(counts.max()), threads)[1]
+            across, along = _variances(points[near.T].astype(float), counts)
             if along[0] > FLAT**2 * across[0]:
                 return _without_curvature(counts, across)
         if len(points) < 2 * FEWEST:
@@ -250,14 +249,14 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 
 def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return per count k the median variances of neighbourhoods near[:, :k] across and along their best planes."""
-    offsets = near[:, : counts.max()] - near[:, :1]
+    """Return per count k the median variances of neighbourhoods near[:k] (k, m, 3) across and along their best planes."""
+    offsets = near - near[:1]
     first, second = np.triu_indices(3)
-    sums = np.cumsum(offsets, axis=1)[:, counts - 1]
-    products = np.cumsum(offsets[:, :, first] * offsets[:, :, second], axis=1)[:, counts - 1]
+    sums = np.cumsum(offsets, axis=0)[counts - 1]
+    products = np.cumsum(offsets[..., first] * offsets[..., second], axis=0)[counts - 1]
     freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
-    scatter = products - sums[:, :, first] * sums[:, :, second] / counts[:, None]
-    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
+    scatter = products - sums[..., first] * sums[..., second] / counts[:, None, None]
+    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None, None]), axis=1).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * freedom)) ** 3, wide
 

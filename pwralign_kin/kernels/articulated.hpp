@@ -27,7 +27,6 @@ struct Surface {
     std::vector<Vec> p, n;                     // coarse samples, farthest first: any prefix is a coarse set
     std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
     std::vector<OrientedPoint> dense;          // samples that the grid refers to
-    OrientedRows dense_rows;                   // ... once more, for several at a time
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
     float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing
@@ -48,19 +47,8 @@ struct Surface {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
     }
-    // Distances of some local positions, each to its own dense sample. The surface is taken as a disc of radius `slack` around each:
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
     // `aside` is how far beyond its rim the position lies.
-    FloatLanes distances_to(const int *samples, const VecLanes &local) const {
-        VecLanes p, n;
-        dense_rows.gather(samples, p, n);
-        const VecLanes d = local - p;
-        const FloatLanes plane = dot(d, n);
-        const FloatLanes aside =
-            max_lanes(FloatLanes{}, sqrt_lanes(max_lanes(FloatLanes{}, dot(d, d) - plane * plane)) - slack);
-        if (!any_lane(aside > 0)) return abs_lanes(plane);
-        return aside > 0 ? sqrt_lanes(plane * plane + aside * aside) : abs_lanes(plane);
-    }
-    // The same of one; `aside` is how far beyond the rim of its disc the position lies.
     float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);

@@ -46,9 +46,9 @@ FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
 // the samples that these name.
 class Offer {
   public:
-    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, ClosePoints &close)
+    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, std::vector<CloseSample> &close)
         : s(s), T(T), points(points), close(close) {
-        close.make_room(points.size);
+        if (int64_t(close.size()) < points.size) close.resize(points.size);
     }
 
     // Look at the points from `block` on, `lane_count` of them.
@@ -61,30 +61,23 @@ class Offer {
         for (int j = 0; j < lane_count; ++j) {
             if (!near[j] || cells[j] < 0) continue;
             __builtin_prefetch(&s.grid[cells[j]]);
-            close.point[found] = int(block) + j, close.at[found] = cells[j];
-            close.x[found] = local.x[j], close.y[found] = local.y[j], close.z[found] = local.z[j];
-            ++found;
+            close[found++] = {int(block) + j, cells[j], {local.x[j], local.y[j], local.z[j]}};
         }
     }
 
     void settle(int part, float *best, int *owner, int *sample) {
         int named = 0;
         for (int c = 0; c < found; ++c) {
-            const uint16_t named_by_cell = s.grid[close.at[c]];
+            const uint16_t named_by_cell = s.grid[close[c].at];
             if (named_by_cell == none) continue;
-            s.dense_rows.prefetch(named_by_cell);
-            close.point[named] = close.point[c], close.at[named] = named_by_cell;
-            close.x[named] = close.x[c], close.y[named] = close.y[c], close.z[named] = close.z[c];
-            ++named;
+            __builtin_prefetch(&s.dense[named_by_cell]);
+            close[named++] = {close[c].point, named_by_cell, close[c].local};
         }
-        std::fill_n(close.at.begin() + named, lane_count, 0);
-        for (int c = 0; c < named; c += lane_count) {
-            const VecLanes local{load_lanes(&close.x[c]), load_lanes(&close.y[c]), load_lanes(&close.z[c])};
-            const FloatLanes distance = s.distances_to(&close.at[c], local);
-            for (int j = 0; j < std::min(lane_count, named - c); ++j) {
-                const int i = close.point[c + j];
-                if (distance[j] < best[i]) best[i] = distance[j], owner[i] = part, sample[i] = close.at[c + j];
-            }
+        for (int c = 0; c < named; ++c) {
+            float aside;
+            const float distance = s.distance_to(close[c].at, close[c].local, aside);
+            const int i = close[c].point;
+            if (distance < best[i]) best[i] = distance, owner[i] = part, sample[i] = close[c].at;
         }
     }
 
@@ -92,21 +85,21 @@ class Offer {
     const Surface &s;
     const RigidF &T;
     const SplitPoints &points;
-    ClosePoints &close;
+    std::vector<CloseSample> &close;
     int found = 0;
 };
 
 } // namespace
 
 void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
-                int *sample, ClosePoints &close) {
+                int *sample, std::vector<CloseSample> &close) {
     Offer offer(s, T, points, close);
     for (int64_t block = 0; block < points.size; block += lane_count) offer.look(block, best);
     offer.settle(part, best, owner, sample);
 }
 
 void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, float cap, float *best,
-                int *owner, int *sample, ClosePoints &close) {
+                int *owner, int *sample, std::vector<CloseSample> &close) {
     constexpr float rounding = 1e-4f;
     Offer offer(s, T, balled.points, close);
     for (int64_t first = 0; first < balled.centres.size; first += lane_count) {

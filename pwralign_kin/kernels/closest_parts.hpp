@@ -4,15 +4,9 @@
 
 namespace pwr {
 
-// Points close to a part: memory that is used again.
-struct ClosePoints {
-    std::vector<int> point, at; // at: cell of the part's grid, then the sample that it names
-    std::vector<float> x, y, z; // in the part's frame
-
-    void make_room(int64_t count) {
-        const size_t most = count + lane_count;
-        if (point.size() < most) point.resize(most), at.resize(most), x.resize(most), y.resize(most), z.resize(most);
-    }
+struct CloseSample {
+    int point, at; // cell of the part's grid, then the sample that it names
+    Vec local;
 };
 
 // Points with a ball around every `lane_count` of them, which tells at once that a part is far from all of these.
@@ -30,9 +24,9 @@ struct BalledPoints {
 // Offer a placed part to points: `best` holds the distances to beat, with `lane_count` more behind them that are read;
 // where the part is nearer, `best`, `owner` and `sample` tell. `close` is memory that is used again.
 void offer_part(const Surface &surface, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
-                int *sample, ClosePoints &close);
+                int *sample, std::vector<CloseSample> &close);
 // The same where no distance to beat is larger than `cap`.
 void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, float cap, float *best,
-                int *owner, int *sample, ClosePoints &close);
+                int *owner, int *sample, std::vector<CloseSample> &close);
 
 } // namespace pwr

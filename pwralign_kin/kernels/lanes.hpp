@@ -30,12 +30,6 @@ template <typename Lanes, typename Number> void store_lanes(Lanes lanes, Number 
 inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
 inline FloatLanes max_lanes(FloatLanes a, FloatLanes b) { return a > b ? a : b; }
 inline FloatLanes abs_lanes(FloatLanes a) { return max_lanes(a, -a); }
-inline FloatLanes sqrt_lanes(FloatLanes a) {
-    float each[lane_count];
-    std::memcpy(each, &a, sizeof(a));
-    for (int j = 0; j < lane_count; ++j) each[j] = std::sqrt(each[j]);
-    return load_lanes(each);
-}
 inline bool any_lane(IntLanes condition) {
     int64_t words[lane_count / 2];
     std::memcpy(words, &condition, sizeof(words));
@@ -98,29 +92,28 @@ class OrientedRows {
         const float row[lane_count] = {point.x, point.y, point.z, normal.x, normal.y, normal.z};
         rows.insert(rows.end(), row, row + lane_count);
     }
-    void prefetch(int index) const { __builtin_prefetch(&rows[size_t(index) * lane_count]); }
     // Those of some indices.
     void gather(const int *index, VecLanes &point, VecLanes &normal) const {
-        FloatLanes row[lane_count], pair[lane_count], low[4], high[4];
-        for (int j = 0; j < lane_count; ++j) row[j] = load_lanes(&rows[size_t(index[j]) * lane_count]);
+        auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };
         // The rows become columns: of pairs of rows, of fours, of all.
-        for (int j = 0; j < lane_count; j += 2) {
-            pair[j] = PWR_SHUFFLE(row[j], row[j + 1], 0, 8, 1, 9, 4, 12, 5, 13);
-            pair[j + 1] = PWR_SHUFFLE(row[j], row[j + 1], 2, 10, 3, 11, 6, 14, 7, 15);
-        }
-        for (int j = 0; j < 2; ++j) {
-            low[2 * j] = PWR_SHUFFLE(pair[j], pair[j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
-            low[2 * j + 1] = PWR_SHUFFLE(pair[j], pair[j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
-            high[2 * j] = PWR_SHUFFLE(pair[j + 4], pair[j + 6], 0, 1, 8, 9, 4, 5, 12, 13);
-            high[2 * j + 1] = PWR_SHUFFLE(pair[j + 4], pair[j + 6], 2, 3, 10, 11, 6, 7, 14, 15);
-        }
-        auto first = [&](int k) { return PWR_SHUFFLE(low[k], high[k], 0, 1, 2, 3, 8, 9, 10, 11); };
-        auto second = [&](int k) { return PWR_SHUFFLE(low[k], high[k], 4, 5, 6, 7, 12, 13, 14, 15); };
-        point = {first(0), first(1), first(2)};
-        normal = {first(3), second(0), second(1)};
+        auto four = [&](int j) {
+            const FloatLanes a = row(j), b = row(j + 1), c = row(j + 2), d = row(j + 3);
+            const FloatLanes ab = PWR_SHUFFLE(a, b, 0, 8, 1, 9, 4, 12, 5, 13), cd = PWR_SHUFFLE(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
+            const FloatLanes AB = PWR_SHUFFLE(a, b, 2, 10, 3, 11, 6, 14, 7, 15), CD = PWR_SHUFFLE(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
+            return Columns{PWR_SHUFFLE(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15),
+                           PWR_SHUFFLE(AB, CD, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(AB, CD, 2, 3, 10, 11, 6, 7, 14, 15)};
+        };
+        const Columns low = four(0), high = four(4);
+        auto first = [](FloatLanes a, FloatLanes b) { return PWR_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11); };
+        auto second = [](FloatLanes a, FloatLanes b) { return PWR_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15); };
+        point = {first(low.a, high.a), first(low.b, high.b), first(low.c, high.c)};
+        normal = {first(low.d, high.d), second(low.a, high.a), second(low.b, high.b)};
     }
 
   private:
+    struct Columns {
+        FloatLanes a, b, c, d;
+    };
     std::vector<float> rows;
 };
 

@@ -69,7 +69,7 @@ struct Nearest {
     float cap;
     std::vector<float> distance; // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
-    ClosePoints close;
+    std::vector<CloseSample> close; // memory that is used again
 
     Nearest(int64_t count, float cap);
 };
