@@ -330,18 +330,14 @@ def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates by coarse and tight scores together, best first."""
-    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
+    total = search.scored_both_ways(candidates, _tight(search, candidates))[0]
     return Candidates(candidates.bases, candidates.values, total).best_first()
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the part of these scores that is coverage of the scan."""
-    points = int(search.searched.sum())
-    several = [
-        search.native.score(candidates.bases, candidates.values, points, distance)[1]
-        for distance in (search.options.coverage_distance, _tight(search, candidates))
-    ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+    covered = search.scored_both_ways(candidates, _tight(search, candidates))[1]
+    return np.asarray(search.coverage_scale * covered, np.float32)
 
 
 def _tight(search: TreeSearch, candidates: Candidates) -> float:

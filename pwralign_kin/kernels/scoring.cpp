@@ -101,26 +101,31 @@ float Search::total_score(float covered, const float *support) const {
     return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
 }
 
-void Search::score(std::vector<Configuration> &configurations, int points, float coverage_distance,
-                   std::vector<float> &covered, std::vector<float> &support) const {
+std::vector<Scores> Search::score(const std::vector<Configuration> &configurations, int points,
+                                  const std::vector<float> &coverage_distances) const {
     const int n = model.parts;
+    const size_t m = configurations.size();
     const PointSample sampled = sample_of_points(points);
-    covered.assign(configurations.size(), 0.f);
-    support.assign(configurations.size() * n, 0.f);
+    std::vector<Scores> scores(coverage_distances.size(), Scores{std::vector<float>(m), std::vector<float>(m), std::vector<float>(m * n, 0.f)});
     std::vector<uint8_t> mask(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
-    parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
+    parallel_for(int64_t(m), options.threads, [&](int64_t c) {
         std::vector<Rigid> T(n);
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
         const Assignment a = assign(sampled.balled, T.data(), mask.data(), options.band);
-        covered[c] = coverage(a, F, coverage_distance);
         std::vector<int> owner(field.points.size(), -1);
         for (size_t i = 0; i < a.part.size(); ++i) owner[shuffled[i]] = a.part[i];
-        update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
-        configurations[c].score = total_score(covered[c], &support[c * n]) - cost(configurations[c], F);
+        const float against = cost(configurations[c], F);
+        for (size_t d = 0; d < scores.size(); ++d) {
+            float *support = &scores[d].support[c * n];
+            scores[d].coverage[c] = coverage(a, F, coverage_distances[d]);
+            update_support(owner, F, coverage_distances[d], mask.data(), support);
+            scores[d].total[c] = total_score(scores[d].coverage[c], support) - against;
+        }
     });
+    return scores;
 }
 
 PointSample Search::sample_of_points(int most) const {
