@@ -206,12 +206,12 @@ def as_given(
 
     Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
     """
-    order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
-    by_cell = order[np.argsort(cell[order], kind="stable")]
-    first = np.flatnonzero(np.r_[True, np.diff(cell[by_cell]) != 0])
-    rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
-    chosen = by_cell[rank < options.given_per_cell]
-    given = raw[chosen]
+    left = np.random.default_rng(0).permutation(len(raw))[::-1]
+    chosen = np.full((cell.max(initial=-1) + 1, options.given_per_cell), -1)
+    for column in chosen.T:
+        column[cell[left]] = left  # of several points of a cell the last stays
+        left = left[column[cell[left]] != left]
+    given = raw[chosen[chosen >= 0]]
     nearest = field.nearest(given)
     near = nearest >= 0
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
@@ -249,7 +249,7 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 
 def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return per count k the median variances of neighbourhoods near[:k] (k, m, 3) across and along their best planes."""
+    """Return per count k the median variances of neighbourhoods near[:k], (k, m, 3), across and along their planes."""
     offsets = near - near[:1]
     first, second = np.triu_indices(3)
     sums = np.cumsum(offsets, axis=0)[counts - 1]
