@@ -30,6 +30,8 @@ PLAIN_REACH, PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.005, 0.01, 0.1, 25
 or of those of one part (or of so many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
+AGREED_DOUBT = 2.0
+"""How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 WORTH_WIDE_BEAMS = 0.1
@@ -114,7 +116,10 @@ class AnswerSearch:
                 found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
                 if is_plainly_right(search, found[-1]):
                     return found[-1]
-            refined = Candidates.concatenate(found)
+            refined = Candidates.concatenate(found).best_first()
+            agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
+            if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
+                return refined.take([0])
         with self.watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
         # Things may touch the model in a scene.
@@ -305,17 +310,20 @@ class AnswerSearch:
         return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
 
 
-def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
-    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
+def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it.
+
+    `doubt` times as many points as usual may speak against it.
+    """
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
     distance, owner = search.owners(candidate, search.exists)
-    if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
+    if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
+    if off.mean() > doubt * PLAIN_OFF or (off_part > doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
         return False
     support = search.scored(candidate)[1][0]
     if search.poorly_supported(support).any():
