@@ -31,6 +31,8 @@ PLAIN_REACH, PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.005, 0.01, 0.1, 25
 or of those of one part (or of so many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
+AGREED_DOUBT = 2.0
+"""How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 WORTH_WIDE_BEAMS = 0.1
@@ -115,7 +117,10 @@ class AnswerSearch:
                 found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
                 if is_plainly_right(search, found[-1]):
                     return found[-1]
-            refined = Candidates.concatenate(found)
+            refined = Candidates.concatenate(found).best_first()
+            agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
+            if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
+                return refined.take([0])
         with self.watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
         # Things may touch the model in a scene.
@@ -319,17 +324,20 @@ class AnswerSearch:
         return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
 
 
-def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
-    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
+def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it.
+
+    `doubt` times as many points as usual may speak against it.
+    """
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
     distance, owner = search.owners(candidate, search.exists)
-    if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
+    if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
+    if off.mean() > doubt * PLAIN_OFF or (off_part > doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
         return False
     support = search.scored(candidate)[1][0]
     if search.poorly_supported(support).any():
@@ -344,18 +352,14 @@ def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates by coarse and tight scores together, best first."""
-    total = search.scored(candidates)[0].scores + search.scored(candidates, _tight(search, candidates))[0].scores
+    total = search.scored_both_ways(candidates, _tight(search, candidates))[0]
     return Candidates(candidates.bases, candidates.values, total).best_first()
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the part of these scores that is coverage of the scan."""
-    points = int(search.searched.sum())
-    several = [
-        search.native.score(candidates.bases, candidates.values, points, distance)[1]
-        for distance in (search.options.coverage_distance, _tight(search, candidates))
-    ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+    covered = search.scored_both_ways(candidates, _tight(search, candidates))[1]
+    return np.asarray(search.coverage_scale * covered, np.float32)
 
 
 def _tight(search: TreeSearch, candidates: Candidates) -> float:

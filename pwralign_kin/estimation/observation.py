@@ -212,12 +212,12 @@ def as_given(
     Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
     point of their own cell or the next.
     """
-    order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
-    by_cell = order[np.argsort(cell[order], kind="stable")]
-    first = np.flatnonzero(np.r_[True, np.diff(cell[by_cell]) != 0])
-    rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
-    chosen = by_cell[rank < options.given_per_cell]
-    given = raw[chosen]
+    left = np.random.default_rng(0).permutation(len(raw))[::-1]
+    chosen = np.full((cell.max(initial=-1) + 1, options.given_per_cell), -1)
+    for column in chosen.T:
+        column[cell[left]] = left  # of several points of a cell the last stays
+        left = left[column[cell[left]] != left]
+    given = raw[chosen[chosen >= 0]]
     nearest = field.nearest(given)
     near = (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
@@ -230,14 +230,13 @@ def noise_of(points: Float, threads: int) -> float:
     which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
     apart, down to scans so sparse that no neighbourhood is flat.
     """
-    most = int(2 * NEIGHBOURS.max())
-    if len(points) < most:
+    if len(points) < 2 * NEIGHBOURS.max():
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
-        near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
         for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
-            across, along = _variances(near, counts)
+            near = kernels.nearest_neighbours(points, points[chosen], int(counts.max()), threads)[1]
+            across, along = _variances(points[near.T].astype(float), counts)
             if along[0] > FLAT**2 * across[0]:
                 return _without_curvature(counts, across)
         if len(points) < 2 * FEWEST:
@@ -256,14 +255,14 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 
 def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return per count k the median variances of neighbourhoods near[:, :k] across and along their best planes."""
-    offsets = near[:, : counts.max()] - near[:, :1]
+    """Return per count k the median variances of neighbourhoods near[:k], (k, m, 3), across and along their planes."""
+    offsets = near - near[:1]
     first, second = np.triu_indices(3)
-    sums = np.cumsum(offsets, axis=1)[:, counts - 1]
-    products = np.cumsum(offsets[:, :, first] * offsets[:, :, second], axis=1)[:, counts - 1]
+    sums = np.cumsum(offsets, axis=0)[counts - 1]
+    products = np.cumsum(offsets[..., first] * offsets[..., second], axis=0)[counts - 1]
     freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
-    scatter = products - sums[:, :, first] * sums[:, :, second] / counts[:, None]
-    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
+    scatter = products - sums[..., first] * sums[..., second] / counts[:, None, None]
+    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None, None]), axis=1).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * freedom)) ** 3, wide
 

@@ -236,8 +236,8 @@ class Search:
         keep: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def score(
-        self, bases: NDArray[np.float64], values: NDArray[np.float64], points: int, coverage_distance: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
+        self, bases: NDArray[np.float64], values: NDArray[np.float64], points: int, coverage_distances: Sequence[float]
+    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]]: ...
     def refine(
         self,
         bases: NDArray[np.float64],

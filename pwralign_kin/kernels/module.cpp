@@ -415,17 +415,18 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a)
-        .def("score", [](const Search &self, Placements bases, Matrix values, int points, float coverage_distance) {
+        .def("score", [](const Search &self, Placements bases, Matrix values, int points, const std::vector<float> &coverage_distances) {
             require(points > 0, "a score needs points");
-            auto configurations = read_configurations(self.model, bases, values);
-            std::vector<float> coverage, support, total;
+            const auto configurations = read_configurations(self.model, bases, values);
+            std::vector<Scores> scores;
             {
                 nb::gil_scoped_release release;
-                self.score(configurations, points, coverage_distance, coverage, support);
+                scores = self.score(configurations, points, coverage_distances);
             }
-            for (const auto &c : configurations) total.push_back(c.score);
-            return nb::make_tuple(to_numpy(std::move(total)), to_numpy(std::move(coverage)), to_numpy(std::move(support), {configurations.size(), size_t(self.model.parts)}));
-        }, "bases"_a, "values"_a, "points"_a, "coverage_distance"_a)
+            nb::list out;
+            for (Scores &s : scores) out.append(nb::make_tuple(to_numpy(std::move(s.total)), to_numpy(std::move(s.coverage)), to_numpy(std::move(s.support), {configurations.size(), size_t(self.model.parts)})));
+            return out;
+        }, "bases"_a, "values"_a, "points"_a, "coverage_distances"_a)
         .def("refine", [](const Search &self, Placements bases, Matrix values, int points, int iterations, float sigma_first, float sigma_last, float support_weight, FloatMatrix part_weights) {
             auto configurations = read_configurations(self.model, bases, values);
             require(part_weights.shape(0) == configurations.size() && int(part_weights.shape(1)) == self.model.parts, "part_weights must be (m, parts)");

@@ -160,8 +160,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
         for (int v : best_modes(row, modes, {steps, window, sweep.circular}))
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
-    sort_by_score(candidates);
-    if (int(candidates.size()) > beam) candidates.resize(beam);
+    sort_by_score(candidates, beam);
     std::vector<Partial> next;
     next.reserve(candidates.size());
     for (const Candidate &c : candidates) {
