@@ -18,8 +18,10 @@ Groups = Mapping[str, Sequence[Outcome]]
 
 HASTY_WEIGHT = 0.5
 """How much an answer of the hasty search counts in the fit, against one of the search as it comes."""
-RIDGE = 1.0
-"""Inverse variance of the coefficients before any answer is looked at."""
+FOREIGN_WEIGHT = 0.5
+"""How much a scan of something else counts: they are rarer in use than in the fit."""
+RIDGE, PRESENCE_RIDGE = 1.0, 0.1
+"""Inverse variance of the coefficients before any answer is looked at; scans of something else are nearly all told."""
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 SURE = 0.9
@@ -110,28 +112,55 @@ def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
 
 
 def fitted(outcomes: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (5,) of the confidence by logistic regression (Newton's method, with ridge)."""
-    X = np.array([[1.0, *confidence.features(_evidence(own))] for own in outcomes])
+    """Return intercept and coefficients (5,) of what tells right answers from wrong ones, the model being there."""
     right = np.array([own.score.overlay for own in outcomes], float)
     weights = np.where([own.method == "default" for own in outcomes], 1.0, HASTY_WEIGHT)
-    ridge = RIDGE * np.diag([0.0, *np.ones(X.shape[1] - 1)])
+    return _logistic_regression([confidence.features(_evidence(own)) for own in outcomes], right, weights, RIDGE)
+
+
+def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
+    """Return intercept and coefficients (3,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
+    there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
+    weights = np.where(there > 0.0, 1.0, FOREIGN_WEIGHT)
+    return _logistic_regression(values, there, weights, PRESENCE_RIDGE)
+
+
+def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Array, least: float) -> Array:
+    """Return intercept and coefficients by Newton's method, with ridge."""
+    X = np.column_stack([np.ones(len(values)), np.array(values)])
+    ridge = least * np.diag([0.0, *np.ones(X.shape[1] - 1)])
     coefficients = np.zeros(X.shape[1])
     for _ in range(50):
         chance = 1.0 / (1.0 + np.exp(-X @ coefficients))
         H = (X * (weights * chance * (1.0 - chance))[:, None]).T @ X + ridge + 1e-9 * np.eye(len(ridge))
-        step = np.linalg.solve(H, X.T @ (weights * (right - chance)) - ridge @ coefficients)
+        step = np.linalg.solve(H, X.T @ (weights * (verdicts - chance)) - ridge @ coefficients)
         coefficients += np.clip(step, -2.0, 2.0)
     return coefficients
 
 
-def coefficients_table(outcomes: Sequence[Outcome]) -> str:
-    """Return the coefficients fitted to the outcomes beside those in use."""
-    names = ("intercept", "nearby", "lacking", "uneven", "margin")
-    rows = [
-        [name, f"{own:.2f}", f"{used:.2f}"]
-        for name, own, used in zip(names, fitted(outcomes), confidence.COEFFICIENTS, strict=True)
-    ]
+def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
+    """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
+    names = (
+        "present: intercept", "strange and not borne out", "borne out",
+        "right: intercept", "nearby", "lacking", "uneven", "margin",
+    )  # fmt: skip
+    found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])
+    in_use = (*confidence.PRESENT, *confidence.COEFFICIENTS)
+    rows = [[name, f"{own:.2f}", f"{used:.2f}"] for name, own, used in zip(names, found, in_use, strict=True)]
     return markdown(["coefficient of", " fitted", " in use"], rows)
+
+
+def foreign_table(outcomes: Sequence[Outcome]) -> str:
+    """Return how much confidence scans of something else are given, by what they are of."""
+    heads = ["something else", " number", " median confidence", " largest", " more than 0.2", " more than 0.5"]
+    whats = sorted({own.tier.partition(",")[0] for own in outcomes})
+    rows = []
+    for what in [*whats, "all"]:
+        given = np.array([own.confidence for own in outcomes if what in ("all", own.tier.partition(",")[0])])
+        over = (str(int((given > limit).sum())) for limit in (0.2, 0.5))
+        rows.append([what, str(len(given)), figure(float(np.median(given))), figure(float(given.max())), *over])
+    return markdown(heads, rows)
 
 
 def _evidence(outcome: Outcome) -> confidence.Evidence:

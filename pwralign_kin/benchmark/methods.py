@@ -62,12 +62,13 @@ HASTY = Method(
 ABLATIONS: Mapping[str, Method] = MappingProxyType(
     {
         "default": DEFAULT,
-        "fpfh": Method("FPFH instead of oriented pairs", EstimatorOptions(sources=("fpfh",))),
-        "pairs+fpfh": Method("FPFH beside oriented pairs", EstimatorOptions(sources=("pairs", "fpfh"))),
+        "fpfh": Method("FPFH instead of oriented pairs", EstimatorOptions(sources=("fpfh", "faces"))),
+        "pairs+fpfh": Method("FPFH beside oriented pairs", EstimatorOptions(sources=("pairs", "faces", "fpfh"))),
+        "no-faces": Method("no hypotheses from flat faces", EstimatorOptions(sources=("pairs",))),
         "no-repair": Method("no repair", EstimatorOptions(repair=RepairOptions(rounds=0))),
         "fpfh-no-repair": Method(
             "no repair, and FPFH instead of oriented pairs",
-            EstimatorOptions(sources=("fpfh",), repair=RepairOptions(rounds=0)),
+            EstimatorOptions(sources=("fpfh", "faces"), repair=RepairOptions(rounds=0)),
         ),
         "no-votes": Method("no votes", EstimatorOptions(repair=RepairOptions(votes=VoteOptions(parts=0)))),
         "one-way": Method(

@@ -15,6 +15,7 @@ from pwralign_kin.benchmark import (
     cost,
     curves,
     first_use,
+    foreign,
     further,
     joint_gap,
     profile,
@@ -180,15 +181,22 @@ def honest_doubt(settings: Settings, progress: Progress) -> Result:
 
 
 def confidence_fit(settings: Settings, progress: Progress) -> Result:
-    """The coefficients of the confidence, from answers of the estimator as it comes and of a hasty search."""
+    """The coefficients of the confidence, from answers of the estimator as it comes and of a hasty search, and from
+    its answers to scans that the model is not in."""
     robots = settings.robots or FIT_ROBOTS
     outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
     outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
     outcomes += _evaluate(settings, robots, [tier for tier in TIERS if tier != "warm"], {"hasty": HASTY}, progress, 1)
     given = [own for own in outcomes if own.evidence]
     by_method = dict(summaries.grouped(given, lambda own: own.method))
-    text = "\n".join([calibration.coefficients_table(given), calibration.confidence_table({**by_method, "all": given})])
-    return Result(text, outcomes)
+    elsewhere = foreign.measure(models(settings.samples, robots), settings.threads, progress)
+    answered = [own for own in elsewhere if own.evidence]
+    tables = (
+        calibration.coefficients_table(given, answered),
+        calibration.confidence_table({**by_method, "all": given}),
+        calibration.foreign_table(elsewhere),
+    )
+    return Result("\n".join(tables), [*outcomes, *elsewhere])
 
 
 def figure_models(settings: Settings, progress: Progress) -> Result:

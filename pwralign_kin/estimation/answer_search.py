@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
@@ -30,6 +31,8 @@ PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.01, 0.1, 25
 many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
+AGREED_DOUBT = 2.0
+"""How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 WORTH_WIDE_BEAMS = 0.1
@@ -117,7 +120,10 @@ class AnswerSearch:
                 found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
                 if is_plainly_right(search, found[-1]):
                     return found[-1]
-            refined = Candidates.concatenate(found)
+            refined = Candidates.concatenate(found).best_first()
+            agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
+            if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
+                return refined.take([0])
         with self.watch.stage("repair"):
             solutions = self._repaired(search, refined, turn=False)
         # Things may touch the model in a scene.
@@ -177,14 +183,11 @@ class AnswerSearch:
         """Search a scan of the model."""
         search = self.search
         with self.watch.stage("hypotheses"):
-            found = self._outside(seed)
-            if "pairs" in self.options.sources:
-                found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
-            if len(found.parts) == 0:
+            hypotheses = self._hypotheses(seed)
+            if len(hypotheses.parts) == 0:
                 raise self._nothing_placed
-            hypotheses = search.promising(found)
         with self.watch.stage("growth"):
-            grown = search.grow(hypotheses)
+            grown = search.grow(hypotheses, search.options.beam)
             if search.known.near:
                 from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
                 grown = Candidates.concatenate([from_base, grown])
@@ -290,6 +293,22 @@ class AnswerSearch:
         together = Candidates.concatenate(several)
         return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
 
+    def _hypotheses(self, seed: int) -> Hypotheses:
+        """Return the part hypotheses that are grown.
+
+        Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
+        than small ones that lie anywhere on it.
+        """
+        search, sources = self.search, self.options.sources
+        found = self._outside(seed)
+        if "pairs" in sources:
+            found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+        promising = search.promising(found)
+        if "faces" not in sources:
+            return promising
+        largest = search.largest_parts(search.options.root_parts)
+        return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
+
     def _outside(self, seed: int) -> Hypotheses:
         """Return part hypotheses from correspondences: those given, and those of the built-in features."""
         search = self.search
@@ -308,17 +327,20 @@ class AnswerSearch:
         return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
 
 
-def is_plainly_right(search: TreeSearch, candidate: Candidates) -> bool:
-    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it."""
+def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it.
+
+    `doubt` times as many points as usual may speak against it.
+    """
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
     distance, owner = search.owners(candidate, search.exists)
-    if (distance > search.reach).mean() > PLAIN_UNEXPLAINED:
+    if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
         return False
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > PLAIN_OFF or (off_part > PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
+    if off.mean() > doubt * PLAIN_OFF or (off_part > doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
         return False
     support = search.scored(candidate)[1][0]
     if search.poorly_supported(support).any():
@@ -338,18 +360,14 @@ def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
 
 def _ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the scores that `ranked` ranks by."""
-    coarse, tight = (search.scored(candidates, distance)[0].scores for distance in (None, _tight(search, candidates)))
-    return np.asarray(coarse + tight + finest(search, candidates), np.float32)
+    both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
+    return np.asarray(both_ways + finest(search, candidates), np.float32)
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the part of these scores that is coverage of the scan."""
-    points = int(search.searched.sum())
-    several = [
-        search.native.score(candidates.bases, candidates.values, points, distance)[1]
-        for distance in (search.options.coverage_distance, _tight(search, candidates))
-    ]
-    return np.asarray(search.coverage_scale * (several[0] + several[1]), np.float32)
+    covered = search.scored_both_ways(candidates, _tight(search, candidates))[1]
+    return np.asarray(search.coverage_scale * covered, np.float32)
 
 
 def _tight(search: TreeSearch, candidates: Candidates) -> float:

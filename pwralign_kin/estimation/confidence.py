@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import Array
 
 LEAST_POINTS = 8
 """Scan points that a part must explain to count as seen, ..."""
@@ -26,10 +27,14 @@ PROBES = 40
 
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
-COEFFICIENTS = (-2.01, -1.26, -0.61, -1.51, 1.03)
-"""Of 1 and the four features: `pwralign_kin.benchmark.calibration.fitted` to 252 answers (47 of them wrong) of
-`python scripts/benchmark.py --table confidence` to scans of twelve robots. A later fit to answers of a better search,
-of which hardly any were wrong, gave a ball that was taken for an arm a confidence of 0.57."""
+ALIKE = 0.7
+"""Cosine between the normals of a scan point and of the model there, from which they agree."""
+PRESENT = (8.23, 9.19, 4.02)
+"""Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
+COEFFICIENTS = (-0.27, -1.34, -0.67, -2.65, 1.35)
+"""... and of 1 and of what tells whether an answer is right if it is (`features`):
+`pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
+twelve robots and to scans of something else."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +59,32 @@ class Evidence:
     noise: float
     """Standard deviation of the scan points from their local planes, model diagonals."""
 
+    borne_out: float
+    """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
+
+    strange: float
+    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
+    model, as `nearby`."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
     observation = search.observation
-    distance, part = search.owners(final, search.exists)
+    placements = np.ascontiguousarray(search.part_placements(final)[0])
+    distance, part, sample = search.native.assign(
+        observation.points, placements, search.exists.astype(np.uint8), search.options.near
+    )
     explained = distance <= search.reach
     areas = observation.areas * search.searched
     nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
     owners = np.where(explained & search.searched, part, -1)
     shares = np.minimum(search.explained_shares(owners), 1.0)
     weights = search.weights * search.exists
-    lacking = weights[shares < HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
+    lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
+    on_model = areas[explained].sum() / areas.sum()
+    alike = explained & _alike(search, placements, part, sample)
+    confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
+    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
     return Evidence(
         float(nearby),
@@ -73,22 +92,36 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         _uneven(search, final),
         _margin(search, final, others, points),
         observation.noise,
+        confirmed * float(shares @ weights) / float(weights.sum()),
+        float(strange),
     )
 
 
 def confidence(evidence: Evidence) -> float:
     """Return the chance in [0, 1] that an answer with this evidence is right.
 
-    It is that of a logistic regression, and fades to nothing where the points fill a volume.
+    It is the chance that the model is in the scan at all, times the chance that the answer is right if it is: two
+    logistic regressions. It fades to nothing where the points fill a volume.
     """
-    logit = COEFFICIENTS[0] + features(evidence) @ np.array(COEFFICIENTS[1:])
     surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
-    return float(surface / (1.0 + np.exp(-logit)))
+    present = _logistic(PRESENT, presence_features(evidence))
+    return float(surface * present * _logistic(COEFFICIENTS, features(evidence)))
+
+
+def presence_features(evidence: Evidence) -> NDArray[np.float64]:
+    """Return what tells a scan of the model from one of something else (2,).
+
+    Strange points count the more, the less of the model is borne out: masks leak and sensors bend surfaces, and parts
+    that a scan lacks bear nothing out, but neither does both.
+    """
+    borne_out = np.clip(evidence.borne_out, 0.05, 0.5)
+    strange = 3.0 * np.sqrt(min(evidence.strange, 0.3))
+    return np.array([strange * np.log(borne_out / 0.5), np.log(min(borne_out, 0.3))])
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what the logistic regression takes (4,): logarithms, for the first doubts weigh most, within the range
-    that simulated scans tell apart."""
+    """Return what tells a right answer from a wrong one (4,): logarithms, for the first doubts weigh most, within the
+    range that simulated scans tell apart."""
     return np.array(
         [
             np.log(min(evidence.nearby, 0.05) + 0.005),
@@ -97,6 +130,24 @@ def features(evidence: Evidence) -> NDArray[np.float64]:
             np.log(np.clip(evidence.margin, -0.004, 0.1) + 0.006),
         ]
     )
+
+
+def _logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
+    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
+
+
+def _alike(
+    search: TreeSearch, placements: Array, part: NDArray[np.int32], sample: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return which scan points are oriented like the nearest sample of the part that is nearest to them."""
+    alike = np.zeros(len(part), bool)
+    for index, surface in enumerate(search.surfaces):
+        own = part == index
+        if not own.any():
+            continue
+        normals = surface.dense_normals[sample[own]] @ placements[index, :3, :3].T
+        alike[own] = np.abs(np.einsum("ij,ij->i", normals, search.observation.normals[own])) >= ALIKE
+    return alike
 
 
 def _uneven(search: TreeSearch, final: Candidates) -> float:

@@ -50,6 +50,10 @@ class _Follower:
         self.values = final.values[0]
         self.chains = chains_between(model)
         self.closing = JointClosing(model, search.model)
+        kind = model.symmetry.kind
+        self.alike = [
+            [part, *(int(i) for i in np.flatnonzero(kind == kind[part]) if i != part)] for part in range(len(kind))
+        ]
         self.looks: dict[tuple[int, int], Array] = {}
 
     def follow(self, seed: int, placement: Array) -> Array | None:
@@ -87,6 +91,4 @@ class _Follower:
 
     def _places_for(self, part: int, taken: set[int]) -> list[int]:
         """Return the free places of parts that look like `part`, its own first."""
-        kind = self.symmetry.kind
-        others = [int(i) for i in np.flatnonzero(kind == kind[part]) if i != part]
-        return [place for place in (part, *others) if place not in taken]
+        return [place for place in self.alike[part] if place not in taken]

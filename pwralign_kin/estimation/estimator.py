@@ -15,6 +15,7 @@ from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.joint_profile import profiled
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observation import Observation, observe
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -22,8 +23,17 @@ from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, observe_scene
 from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.estimation.uncertainty import covariance, inverse_covariance, observed_errors, undetermined_joints
+from pwralign_kin.estimation.uncertainty import (
+    WEAK_DISPLACEMENT,
+    Errors,
+    covariance,
+    inverse_covariance,
+    observed_errors,
+    probe_displacements,
+    undetermined_joints,
+)
 from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
@@ -38,6 +48,8 @@ NO_SUPPORT = 0.15
 """... and support that it may cost any one part: that of a small part is little of the score, ..."""
 NO_LIKELIHOOD = 5.0
 """... and logarithm of the likelihood of all scan points."""
+NO_RIVAL = 6.0
+"""Log-likelihood by which the best value of a weakly determined joint must be better than all others."""
 EQUAL = 0.01
 """Score within which the scan cannot tell two answers apart."""
 EQUAL_POINTS = 600
@@ -199,7 +211,7 @@ class Estimator:
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(base, values))
             return Solution(base, values, problem, True, 0)
-        return solver.run(base, solver.limited(values))
+        return solved(solver, base, solver.limited(values))
 
     def _chosen(self, fit: Fit, solution: Solution, initial: State | None) -> tuple[Solution, Candidates]:
         """Return which of the answers that look alike is meant, and the others: by a guess or else by likelihood."""
@@ -217,7 +229,7 @@ class Estimator:
             apart = search.probe_positions(several) - search.probe_positions(guess)
             chosen = int(np.argmin(np.linalg.norm(apart, axis=-1).reshape(len(several), -1).mean(axis=1)))
         if chosen > 0:
-            solution = fit.solver.run(several.bases[chosen], fit.solver.limited(several.values[chosen]))
+            solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
 
     def _judge(
@@ -225,17 +237,34 @@ class Estimator:
     ) -> tuple[Solution, Doubt]:
         """Find the joints that the scan does not tell, and give them their prior value where that costs nothing."""
         final = _candidate(solution)
-        errors = observed_errors(search, final)
+        errors = observed_errors(search, final, solution.problem)
         # Points of its neighbours touch a part that the scan lacks.
         absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
-        undetermined = undetermined_joints(solution.problem, absent, self.slide, solver.locked, errors)
+        displacement = probe_displacements(solution.problem, absent, self.slide, solver.locked)
+        undetermined = undetermined_joints(displacement, solver.locked, errors)
+        weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
+        if weak.any():
+            solution, sure = self._compared(solver, solution, np.flatnonzero(weak), errors)
+            undetermined &= ~sure
         if undetermined.any():
             base, values = solution.base, solution.values.copy()
             for joint in np.flatnonzero(undetermined):
                 base, values = self._at_prior(search, base, values, int(joint), prior)
-            solution = solver.with_locked(undetermined, values).run(base, values)
+            solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
         H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
         return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
+
+    def _compared(
+        self, solver: JointLeastSquares, solution: Solution, weak: NDArray[np.int64], errors: Errors
+    ) -> tuple[Solution, NDArray[np.bool_]]:
+        """Give weakly determined joints their best values; return too which (k,) have no rival to them."""
+        sure = np.zeros(len(solution.values), bool)
+        for joint in weak:
+            profile = profiled(solver, solution.base, solution.values, int(joint), errors)
+            sure[joint] = profile.margin > NO_RIVAL
+            if sure[joint] and profile.gain > 0.0:
+                solution = solver.run(profile.base, solver.limited(profile.values))
+        return solution, sure
 
     def _at_prior(
         self, search: TreeSearch, base: Array, values: Array, joint: int, prior: Array

@@ -75,7 +75,7 @@ class JointClosing:
             turned, t = np.hypot(turned, angle), t - along[:, None] * joint.axis
         else:
             found[:, -1], within = self._actuated(joint, angle)
-        return found, fits & within & (turned < OPEN_TURN) & (np.linalg.norm(t, axis=1) < OPEN_SLIDE)
+        return found, fits & within & (turned < OPEN_TURN) & ((t * t).sum(axis=1) < OPEN_SLIDE**2)
 
     def placed(self, joints: tuple[MovingJoint, ...], above: Array, values: Array) -> Array:
         """Return the placements (m, 4, 4) of the part below for those (m, 4, 4) of the part above and `values`."""
@@ -108,7 +108,7 @@ class JointClosing:
             # Of all full turns the one nearest to the middle of the limits.
             period = 2 * np.pi / abs(joint.multiplier) / unit
             u = u - period * np.round((u - (lower + upper) / 2) / period)
-        return np.clip(u, lower, upper), (u > lower - BEYOND) & (u < upper + BEYOND)
+        return np.minimum(np.maximum(u, lower), upper), (u > lower - BEYOND) & (u < upper + BEYOND)
 
 
 def _bringing(axis: Array, source: Array, target: Array) -> Array:
@@ -127,6 +127,8 @@ def _turns(axis: Array, angle: Array) -> Array:
 def turned_about(R: Array, axis: Array) -> tuple[Array, Array]:
     """Return the angles (m,) of the rotations (m, 3, 3) about `axis`, and what of them is not about it."""
     # In terms of the quaternion (w, v) with c = v . axis: 4 w c over 2 (w^2 - c^2), and 2 (w^2 + c^2) - 1.
-    sine = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) @ axis
-    kept = np.einsum("i,mij,j->m", axis, R, axis)
-    return np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - kept), np.arccos(np.clip(kept, -1.0, 1.0))
+    x, y, z = axis
+    sine = (R[:, 2, 1] - R[:, 1, 2]) * x + (R[:, 0, 2] - R[:, 2, 0]) * y + (R[:, 1, 0] - R[:, 0, 1]) * z
+    kept = (R @ axis) @ axis
+    trace = R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2]
+    return np.arctan2(sine, trace - kept), np.arccos(np.minimum(np.maximum(kept, -1.0), 1.0))

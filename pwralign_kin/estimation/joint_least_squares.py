@@ -59,6 +59,8 @@ class LeastSquaresOptions:
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
     reach: float = 3.0
     """Correspondences farther than this many robust scales do not count."""
+    noisy: float = 0.003
+    """Noise from which a scan fused of several views is fitted to all surface near its points (`surface_mixture`)."""
     silhouette: bool = True
     """Whether the model's outline is fitted to that of a scan seen from one place."""
     most_silhouette: float = 6.0
@@ -78,6 +80,16 @@ class Prior:
     """(6 + k, 6 + k) inverse covariance."""
     g: Array
     """(6 + k,) right-hand side."""
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What a fit to all surface near the points of a noisy scan finds besides the configuration."""
+
+    noise: float
+    """Standard deviation of the points from the surface, model diagonals."""
+    information: Array
+    """(parts, 6, 6) Fisher information of every part's twist about the base's origin."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +114,8 @@ class Problem:
     """What is known beforehand; `H` and `g` are of the scan alone."""
     sigma: float
     """Robust scale of the residuals."""
+    blur: Blur | None = None
+    """For noisy scans; None where the nearest surface tells all."""
 
     @property
     def evidence(self) -> float:
@@ -154,6 +168,12 @@ class JointLeastSquares:
     def locked(self) -> NDArray[np.bool_]:
         """Which joints have no freedom (k,)."""
         return self.upper <= self.lower
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether noise may have taken points to other surface than that nearest to them."""
+        observation = self.search.observation
+        return not observation.single_view and observation.noise > self.options.noisy
 
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""

@@ -50,6 +50,8 @@ class ObservationOptions:
     normal_noises: float = 4.0
     neighbour_spacings: float = 1.6
     """... and it is widened to this many point spacings where the scan is sparse."""
+    grazing: float = 0.15
+    """Cosine between ray and normal below which a sensor does not measure the surface that is there."""
     stray_distance: float = 0.06
     """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
     stray_spacings: float = 4.0
@@ -146,6 +148,9 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     noise = noise_of(at_most(raw, options.most_raw), threads)
     normals = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
+    if origin is not None:
+        faced = facing(points, normals, origin, options)
+        points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
     field = kernels.ScanField(
@@ -154,7 +159,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         raw if origin is not None else np.zeros((0, 3), np.float32),
         options.depth_pixel, options.depth_tolerance, options.shadow, threads,
     )  # fmt: skip
-    given, given_normals = as_given(raw, cell, field, normals, options)
+    given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
         noise, origin, field, centre, diagonal,
@@ -200,20 +205,21 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], field: Any, normals: Float, options: ObservationOptions
+    raw: Float, cell: NDArray[np.int32], field: Any, points: Float, normals: Float, options: ObservationOptions
 ) -> tuple[Float, Float]:
-    """Return raw points, few of each occupied `cell`, with the normals of the prepared points that `field` finds near.
+    """Return raw points, few of each `cell`, with the normals of the prepared `points` that `field` finds near.
 
-    Every bit of surface then counts alike, however near it was to the sensor; strays have no prepared point near.
+    Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
+    point of their own cell or the next.
     """
-    order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
-    by_cell = order[np.argsort(cell[order], kind="stable")]
-    first = np.flatnonzero(np.r_[True, np.diff(cell[by_cell]) != 0])
-    rank = np.arange(len(raw)) - np.repeat(first, np.diff(np.r_[first, len(raw)]))
-    chosen = by_cell[rank < options.given_per_cell]
-    given = raw[chosen]
+    left = np.random.default_rng(0).permutation(len(raw))[::-1]
+    chosen = np.full((cell.max(initial=-1) + 1, options.given_per_cell), -1)
+    for column in chosen.T:
+        column[cell[left]] = left  # of several points of a cell the last stays
+        left = left[column[cell[left]] != left]
+    given = raw[chosen[chosen >= 0]]
     nearest = field.nearest(given)
-    near = nearest >= 0
+    near = (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
 
@@ -224,14 +230,13 @@ def noise_of(points: Float, threads: int) -> float:
     which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
     apart, down to scans so sparse that no neighbourhood is flat.
     """
-    most = int(2 * NEIGHBOURS.max())
-    if len(points) < most:
+    if len(points) < 2 * NEIGHBOURS.max():
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
-        near = points[kernels.nearest_neighbours(points, points[chosen], most, threads)[1]].astype(float)
         for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
-            across, along = _variances(near, counts)
+            near = kernels.nearest_neighbours(points, points[chosen], int(counts.max()), threads)[1]
+            across, along = _variances(points[near.T].astype(float), counts)
             if along[0] > FLAT**2 * across[0]:
                 return _without_curvature(counts, across)
         if len(points) < 2 * FEWEST:
@@ -250,14 +255,14 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 
 def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return per count k the median variances of neighbourhoods near[:, :k] across and along their best planes."""
-    offsets = near[:, : counts.max()] - near[:, :1]
+    """Return per count k the median variances of neighbourhoods near[:k], (k, m, 3), across and along their planes."""
+    offsets = near - near[:1]
     first, second = np.triu_indices(3)
-    sums = np.cumsum(offsets, axis=1)[:, counts - 1]
-    products = np.cumsum(offsets[:, :, first] * offsets[:, :, second], axis=1)[:, counts - 1]
+    sums = np.cumsum(offsets, axis=0)[counts - 1]
+    products = np.cumsum(offsets[..., first] * offsets[..., second], axis=0)[counts - 1]
     freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
-    scatter = products - sums[:, :, first] * sums[:, :, second] / counts[:, None]
-    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None]), axis=0).T
+    scatter = products - sums[..., first] * sums[..., second] / counts[:, None, None]
+    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None, None]), axis=1).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * freedom)) ** 3, wide
 
@@ -310,6 +315,13 @@ def wide_plane(
     centre = on_plane.mean(axis=0)
     _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
+
+
+def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:
+    """Return which points face the sensor; the others are mostly mixed pixels between an edge and what lies behind."""
+    rays = origin - points
+    along = np.einsum("ij,ij->i", normals, rays)
+    return np.asarray(along > options.grazing * np.linalg.norm(rays, axis=1))
 
 
 def sixth_neighbour(points: Float, threads: int) -> Float:

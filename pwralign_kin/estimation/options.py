@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
+from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
 from pwralign_kin.estimation.prior import BasePrior
@@ -39,15 +40,17 @@ class EstimatorOptions:
     """Standard deviations (rad or m) of joints about their `prior` values; joints not named here may have any value."""
     base: BasePrior = field(default_factory=BasePrior)
     """What is known of the base placement."""
-    sources: tuple[str, ...] = ("pairs",)
-    """Where part hypotheses come from: "pairs" (oriented point pairs), "fpfh" (built-in feature correspondences).
-    Correspondences that are passed to `estimate` count besides; with () they are the only source."""
+    sources: tuple[str, ...] = ("pairs", "faces")
+    """Where part hypotheses come from: "pairs" (oriented point pairs), "faces" (the edges of flat faces), "fpfh"
+    (built-in feature correspondences). Correspondences that are passed to `estimate` count besides; with () they are
+    the only source. Scenes are not searched by faces, of which rooms are full."""
     region: tuple[float, float, float, float, float, float] | None = None
     """xmin, ymin, zmin, xmax, ymax, zmax (scan frame, m): a box that the model is in. What is outside still hides and
     frees space, other than after `Scan.cropped`."""
     near: tuple[float, float, float] | None = None
     """A point (scan frame, m) on the model or close to its surface."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
+    faces: FaceOptions = field(default_factory=FaceOptions)
     fpfh: FpfhMatcher = field(default_factory=FpfhMatcher)
     scene: SceneOptions = field(default_factory=SceneOptions)
     scene_search: SceneSearchOptions = field(default_factory=SceneSearchOptions)

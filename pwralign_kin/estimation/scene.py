@@ -155,6 +155,10 @@ def _observed(
     kept_points = np.ascontiguousarray(points[kept])
     normals = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
     normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
+    if origin is not None:
+        faced = preparation.facing(kept_points, normals, origin, preparing) | (region < 0)
+        kept, region, planes, area = kept[faced], region[faced], planes[faced], area[faced]
+        kept_points, normals = np.ascontiguousarray(kept_points[faced]), np.ascontiguousarray(normals[faced])
     weight = np.where(planes, options.plane_weight, np.where(region >= 0, 1.0, options.other_weight)).astype(np.float32)
     field_cell = preparing.field_cell
     while np.prod(np.ptp(kept_points, axis=0) / field_cell + 80) > LARGEST_FIELD:
@@ -173,7 +177,7 @@ def _observed(
     of_model = np.zeros(len(points), bool)
     of_model[kept[~planes]] = True
     mine = of_model[cell]
-    given, given_normals = preparation.as_given(raw[mine], cell[mine], field, normals, preparing)
+    given, given_normals = preparation.as_given(raw[mine], cell[mine], field, kept_points, normals, preparing)
     return Observation(
         kept_points, normals, preparation.at_most(raw, preparing.most_raw), given, given_normals, weight, area, region,
         True, spacing, noise, origin, field, centre, diagonal,

@@ -359,7 +359,7 @@ class SharedLeastSquares:
         for i, (solver, base, value, problem) in enumerate(zip(self.solvers, bases, values, problems, strict=True)):
             final = Candidates(base[None], value[None], np.zeros(1, np.float32))
             absent = ~solver.search.exists
-            errors = observed_errors(solver.search, final)
+            errors = observed_errors(solver.search, final, problem)
             H = inverse_covariance(problem, absent, errors, solver.upper - solver.lower)
             if i > 0:
                 H[:6, :6] -= problem.prior.H[:6, :6]  # known once

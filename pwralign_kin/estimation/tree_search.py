@@ -266,9 +266,9 @@ class TreeSearch:
             return self.options.scene_hypotheses_per_part
         return self.options.hypotheses_per_part + self.many * self.options.more_hypotheses
 
-    def grow(self, hypotheses: Hypotheses) -> Candidates:
-        """Return for each placed part the best whole configuration grown from it (scored by growth alone)."""
-        return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements))
+    def grow(self, hypotheses: Hypotheses, keep: int = 1) -> Candidates:
+        """Return the best `keep` whole configurations grown from each placed part (scored by growth alone)."""
+        return Candidates(*self.native.grow(hypotheses.parts, hypotheses.placements, keep))
 
     def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
         """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""
@@ -299,17 +299,24 @@ class TreeSearch:
             )
         )  # fmt: skip
 
-    def scored(self, candidates: Candidates, distance: float | None = None) -> tuple[Candidates, Float]:
+    def scored(self, candidates: Candidates) -> tuple[Candidates, Float]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part."""
-        total, _, support = self._score(candidates, distance or self.options.coverage_distance)
+        total, _, support = self._score(candidates)
         return Candidates(candidates.bases, candidates.values, total), support
+
+    def scored_both_ways(self, candidates: Candidates, tight: float) -> tuple[Float, Float]:
+        """Return the sum of coarse and tight score of each candidate, and that of the shares that it explains."""
+        points = int(self.searched.sum())
+        distances = (self.options.coverage_distance, tight)
+        coarse, fine = self.native.score(candidates.bases, candidates.values, points, distances)
+        return coarse[0] + fine[0], coarse[1] + fine[1]
 
     def sifted(self, candidates: Candidates, count: int, varied: int = 0) -> Candidates:
         """Return the best `count` candidates, none nearly the same, by a two-way score on few points, best first.
 
         At most `varied` others follow, the best that differ from the first and from each other in whole limbs.
         """
-        total, _, _ = self._score(candidates, self.options.coverage_distance, self.options.sift_points)
+        total, _, _ = self._score(candidates, self.options.sift_points)
         ordered = Candidates(candidates.bases, candidates.values, total).best_first()
         best = self.distinct(ordered.take(slice(4 * count)), count, self.options.alike)
         if varied == 0:
@@ -319,15 +326,15 @@ class TreeSearch:
 
     def weighed(self, candidates: Candidates) -> tuple[Float, Float]:
         """Return the two-way score of each candidate, and the weighted share of the scan that it explains."""
-        return self._score(candidates, self.options.coverage_distance)[:2]
+        return self._score(candidates)[:2]
 
     def coverage(self, candidates: Candidates, points: int | None = None) -> Float:
         """Return the weighted share of the scan that each candidate explains; by a sample of `points` about it."""
-        return self._score(candidates, self.options.coverage_distance, points)[1]
+        return self._score(candidates, points)[1]
 
-    def _score(self, candidates: Candidates, distance: float, points: int | None = None) -> tuple[Float, Float, Float]:
+    def _score(self, candidates: Candidates, points: int | None = None) -> tuple[Float, Float, Float]:
         points = self._spread(points) if points else int(self.searched.sum())
-        return self.native.score(candidates.bases, candidates.values, points, distance)
+        return self.native.score(candidates.bases, candidates.values, points, [self.options.coverage_distance])[0]
 
     def refined(
         self,

@@ -18,6 +18,9 @@ PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
 LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
+WEAK_DISPLACEMENT = 0.0008
+"""From here to there, it is if its other values are compared and none is as good: surfaces are rounder than they are
+told to be."""
 SYSTEMATIC_SHARE = 0.6
 """Share of the systematic residual (sensor bias, model error) that may pass for a motion of a joint."""
 LEAST_POINTS = 8
@@ -26,6 +29,9 @@ LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
 POINTS_AS_ONE = 3.0
 """How many points are worth one whose error is independent: robust weights and neighbours that share their errors."""
+MORE_THAN_FISHER = 1.5
+"""Variance of errors against that which the Fisher information of noisy points promises: sensors do not see all surface
+as evenly as is assumed."""
 CORRELATED_SHARE, LEAST_CORRELATED = 0.8, 2e-4
 """Standard deviation of the error that all points of a part share: a share of the systematic residual, and at least
 this (model diagonals). These three: by joint errors of simulated and real scans, 95% of which are within two std."""
@@ -46,25 +52,31 @@ class Errors:
         return float(np.hypot(CORRELATED_SHARE * self.systematic, LEAST_CORRELATED))
 
 
-def observed_errors(search: TreeSearch, final: Candidates) -> Errors:
-    """Return the errors that one final configuration leaves."""
-    noise = max(search.observation.noise, LEAST_NOISE)
+def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> Errors:
+    """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
+    # Neighbouring points hide some of the noise where it folds thin parts.
+    noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
     return Errors(noise, float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0))))
 
 
 def undetermined_joints(
-    problem: Problem,
-    absent: NDArray[np.bool_],
-    slide: NDArray[np.bool_],
-    locked: NDArray[np.bool_],
-    errors: Errors,
+    displacement: Array, locked: NDArray[np.bool_], errors: Errors, least: float = LEAST_DISPLACEMENT
 ) -> NDArray[np.bool_]:
-    """Return which joints (k,) the scan does not tell; `absent` parts tell nothing.
+    """Return which joints (k,) the scan does not tell, by the displacement of a probe motion (k,).
 
-    A joint is undetermined when everything else can compensate a probe motion of it: with each observed part's
-    information scaled to mean squared displacement, the least displacement that the probe leaves is the Schur
-    complement of its entry; the outline counts besides the surface, by its weight against it. It must stand out of
-    the systematic residual.
+    It must stand out of the systematic residual, and be no less than the `least`.
+    """
+    return np.asarray(~locked & (displacement < max(least, SYSTEMATIC_SHARE * errors.systematic)))
+
+
+def probe_displacements(
+    problem: Problem, absent: NDArray[np.bool_], slide: NDArray[np.bool_], locked: NDArray[np.bool_]
+) -> Array:
+    """Return by how much (k,) a probe motion of each joint displaces what is seen; `absent` parts tell nothing.
+
+    A joint is undetermined when everything else can compensate its motion: with each observed part's information
+    scaled to mean squared displacement, the least displacement that the probe leaves is the Schur complement of its
+    entry; the outline counts besides the surface, by its weight against it. Locked joints displace nothing.
     """
     seen, displacements = _mean_information(problem, absent)
     mean_H = normal_matrix(problem.J[seen], displacements)
@@ -76,7 +88,7 @@ def undetermined_joints(
     probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
     displacement = np.zeros(len(locked))
     displacement[~locked] = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
-    return np.asarray(~locked & (displacement < max(LEAST_DISPLACEMENT, SYSTEMATIC_SHARE * errors.systematic)))
+    return displacement
 
 
 def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Errors, span: Array) -> Array:
@@ -87,8 +99,14 @@ def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Erro
     in their `span` (k,), with the variance of a uniform distribution, whatever the scan tells.
     """
     seen, displacements = _mean_information(problem, absent)
-    variance = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen] + errors.correlated**2
-    H = normal_matrix(problem.J[seen], displacements / variance[:, None, None])
+    own = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen]
+    if problem.blur is None:
+        information = displacements / own[:, None, None]
+    else:
+        # Points that may come from either side of a thin part tell less than their number.
+        own = problem.blur.noise**2 * MORE_THAN_FISHER / problem.counts[seen]
+        information = problem.blur.information[seen] / MORE_THAN_FISHER
+    H = normal_matrix(problem.J[seen], information * (own / (own + errors.correlated**2))[:, None, None])
     H += problem.prior.H
     joints = np.arange(6, len(H))
     H[joints, joints] += 12.0 / np.maximum(span, 1e-9) ** 2

@@ -210,7 +210,7 @@ class Search:
         self, bases: NDArray[np.float64], values: NDArray[np.float64], keep: int, apart: float
     ) -> NDArray[np.int32]: ...
     def grow(
-        self, parts: NDArray[np.int32], placements: NDArray[np.float64]
+        self, parts: NDArray[np.int32], placements: NDArray[np.float64], keep: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def regrow(
         self,
@@ -246,8 +246,8 @@ class Search:
         keep: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def score(
-        self, bases: NDArray[np.float64], values: NDArray[np.float64], points: int, coverage_distance: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
+        self, bases: NDArray[np.float64], values: NDArray[np.float64], points: int, coverage_distances: Sequence[float]
+    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]]: ...
     def refine(
         self,
         bases: NDArray[np.float64],
@@ -273,6 +273,20 @@ class Search:
         part_weights: NDArray[np.float32],
         along_rays: bool,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+
+class SurfaceMixture:
+    def __init__(self, model: Articulated, spacing: float) -> None: ...
+    def look(self, placements: NDArray[np.float64], directions: NDArray[np.float32], unseen: float) -> None: ...
+    def evidence(
+        self,
+        points: NDArray[np.float32],
+        placements: NDArray[np.float64],
+        jacobians: NDArray[np.float64],
+        sigma: float,
+        strays: float,
+        volume: float,
+        threads: int,
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]: ...
 
 def explained_within(noise: float) -> float: ...
 

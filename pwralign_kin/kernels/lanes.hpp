@@ -3,6 +3,13 @@
 #pragma once
 #include "linalg.hpp"
 
+// The lanes of two vectors in another order, under a name of GCC's that is older than the one of Clang's.
+#ifdef __clang__
+#define PWR_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define PWR_SHUFFLE(a, b, ...) __builtin_shuffle(a, b, pwr::IntLanes{__VA_ARGS__})
+#endif
+
 namespace pwr {
 
 constexpr int lane_count = 8;
@@ -76,6 +83,38 @@ struct SplitPoints {
         x[size] = p.x, y[size] = p.y, z[size] = p.z, ++size;
     }
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
+};
+
+// Points with normals, one after the other and padded, so that any few of them are read by whole loads.
+class OrientedRows {
+  public:
+    void push(Vec point, Vec normal) {
+        const float row[lane_count] = {point.x, point.y, point.z, normal.x, normal.y, normal.z};
+        rows.insert(rows.end(), row, row + lane_count);
+    }
+    // Those of some indices.
+    void gather(const int *index, VecLanes &point, VecLanes &normal) const {
+        auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };
+        // The rows become columns: of pairs of rows, of fours, of all.
+        auto four = [&](int j) {
+            const FloatLanes a = row(j), b = row(j + 1), c = row(j + 2), d = row(j + 3);
+            const FloatLanes ab = PWR_SHUFFLE(a, b, 0, 8, 1, 9, 4, 12, 5, 13), cd = PWR_SHUFFLE(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
+            const FloatLanes AB = PWR_SHUFFLE(a, b, 2, 10, 3, 11, 6, 14, 7, 15), CD = PWR_SHUFFLE(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
+            return Columns{PWR_SHUFFLE(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15),
+                           PWR_SHUFFLE(AB, CD, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(AB, CD, 2, 3, 10, 11, 6, 7, 14, 15)};
+        };
+        const Columns low = four(0), high = four(4);
+        auto first = [](FloatLanes a, FloatLanes b) { return PWR_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11); };
+        auto second = [](FloatLanes a, FloatLanes b) { return PWR_SHUFFLE(a, b, 4, 5, 6, 7, 12, 13, 14, 15); };
+        point = {first(low.a, high.a), first(low.b, high.b), first(low.c, high.c)};
+        normal = {first(low.d, high.d), second(low.a, high.a), second(low.b, high.b)};
+    }
+
+  private:
+    struct Columns {
+        FloatLanes a, b, c, d;
+    };
+    std::vector<float> rows;
 };
 
 } // namespace pwr

@@ -1,6 +1,7 @@
 // Python bindings: arrays in, arrays out. Lengths are in units of the model's diagonal.
 #include "cloud.hpp"
 #include "search.hpp"
+#include "surface_mixture.hpp"
 #include "tracking.hpp"
 #include "triangles.hpp"
 #include <nanobind/nanobind.h>
@@ -394,16 +395,16 @@ void bind_search(nb::module_ &m) {
             }
             return to_numpy(std::move(kept));
         }, "bases"_a, "values"_a, "keep"_a, "apart"_a)
-        .def("grow", [](const Search &self, Ints parts, Placements placements) {
+        .def("grow", [](const Search &self, Ints parts, Placements placements, int keep) {
             auto roots = read_hypotheses(self.model, parts, placements);
             std::vector<Configuration> grown;
             {
                 nb::gil_scoped_release release;
                 self.refine_parts(roots, 0);
-                grown = self.grow(roots);
+                grown = self.grow(roots, keep);
             }
             return write_configurations(self.model, grown);
-        }, "parts"_a, "placements"_a)
+        }, "parts"_a, "placements"_a, "keep"_a)
         .def("regrow", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints start, Ints next, FloatMatrix weights, int keep) {
             const auto from = read_configurations(self.model, bases, values);
             const size_t count = configuration.shape(0), n = self.model.parts;
@@ -456,17 +457,18 @@ void bind_search(nb::module_ &m) {
             }
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a)
-        .def("score", [](const Search &self, Placements bases, Matrix values, int points, float coverage_distance) {
+        .def("score", [](const Search &self, Placements bases, Matrix values, int points, const std::vector<float> &coverage_distances) {
             require(points > 0, "a score needs points");
-            auto configurations = read_configurations(self.model, bases, values);
-            std::vector<float> coverage, support, total;
+            const auto configurations = read_configurations(self.model, bases, values);
+            std::vector<Scores> scores;
             {
                 nb::gil_scoped_release release;
-                self.score(configurations, points, coverage_distance, coverage, support);
+                scores = self.score(configurations, points, coverage_distances);
             }
-            for (const auto &c : configurations) total.push_back(c.score);
-            return nb::make_tuple(to_numpy(std::move(total)), to_numpy(std::move(coverage)), to_numpy(std::move(support), {configurations.size(), size_t(self.model.parts)}));
-        }, "bases"_a, "values"_a, "points"_a, "coverage_distance"_a)
+            nb::list out;
+            for (Scores &s : scores) out.append(nb::make_tuple(to_numpy(std::move(s.total)), to_numpy(std::move(s.coverage)), to_numpy(std::move(s.support), {configurations.size(), size_t(self.model.parts)})));
+            return out;
+        }, "bases"_a, "values"_a, "points"_a, "coverage_distances"_a)
         .def("refine", [](const Search &self, Placements bases, Matrix values, int points, int iterations, float sigma_first, float sigma_last, float support_weight, FloatMatrix part_weights) {
             auto configurations = read_configurations(self.model, bases, values);
             require(part_weights.shape(0) == configurations.size() && int(part_weights.shape(1)) == self.model.parts, "part_weights must be (m, parts)");
@@ -518,6 +520,37 @@ void bind_search(nb::module_ &m) {
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a, "along_rays"_a);
+}
+
+std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
+    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
+    std::vector<Rigid> T;
+    for (int p = 0; p < model.parts; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+    return T;
+}
+
+void bind_mixture(nb::module_ &m) {
+    nb::class_<SurfaceMixture>(m, "SurfaceMixture")
+        .def("__init__", [](SurfaceMixture *self, const Articulated &model, float spacing) {
+            require(spacing > 0, "patches need a spacing");
+            new (self) SurfaceMixture(model, spacing);
+        }, "model"_a, "spacing"_a, nb::keep_alive<1, 2>())
+        .def("look", [](SurfaceMixture &self, Placements placements, Points directions, float unseen) {
+            const std::vector<Rigid> T = part_placements(self.model, placements);
+            nb::gil_scoped_release release;
+            self.look(T, copied(directions), unseen);
+        }, "placements"_a, "directions"_a, "unseen"_a)
+        .def("evidence", [](const SurfaceMixture &self, Points points, Placements placements, In<double, nb::shape<-1, 6, -1>> jacobians, float sigma, float strays, float volume, int threads) {
+            const size_t parts = self.model.parts, n = jacobians.shape(2);
+            require(jacobians.shape(0) == parts && sigma > 0 && volume > 0, "one Jacobian per part, a noise and a volume are needed");
+            const std::vector<Rigid> T = part_placements(self.model, placements);
+            MixtureEvidence out;
+            {
+                nb::gil_scoped_release release;
+                out = self.evidence(copied(points), T, jacobians.data(), int(n), sigma, strays, volume, threads);
+            }
+            return nb::make_tuple(out.log_likelihood, to_numpy(std::move(out.g)), to_numpy(std::move(out.H), {n + 1, n + 1}), to_numpy(std::move(out.part_H), {parts, 6, 6}), out.strays);
+        }, "points"_a, "placements"_a, "jacobians"_a, "sigma"_a, "strays"_a, "volume"_a, "threads"_a);
 }
 
 PinholeView read_view(const Matrix &K, double scale, const Placements &camera, size_t height, size_t width) {
@@ -612,5 +645,6 @@ NB_MODULE(_native, m) {
     bind_model(m);
     bind_meshes(m);
     bind_search(m);
+    bind_mixture(m);
     bind_tracking(m);
 }

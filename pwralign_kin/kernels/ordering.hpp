@@ -1,21 +1,23 @@
 // Sorting, compiled once for all that carries a score.
 #pragma once
+#include <algorithm>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
 namespace pwr {
 
-// Indices of the keys from the largest to the smallest, equal ones in the order given.
-std::vector<int> descending(const std::vector<double> &keys);
+// Indices of the `most` largest keys from the largest to the smallest, equal ones in the order given.
+std::vector<int> descending(const std::vector<double> &keys, size_t most);
 
-// Best score first, equal ones in the order given.
-template <typename Scored> void sort_by_score(std::vector<Scored> &items) {
+// Keep the `most` of best score, best first, equal ones in the order given.
+template <typename Scored> void sort_by_score(std::vector<Scored> &items, size_t most = SIZE_MAX) {
     std::vector<double> scores;
     scores.reserve(items.size());
     for (const Scored &item : items) scores.push_back(item.score);
     std::vector<Scored> sorted;
-    sorted.reserve(items.size());
-    for (int i : descending(scores)) sorted.push_back(std::move(items[i]));
+    sorted.reserve(std::min(most, items.size()));
+    for (int i : descending(scores, most)) sorted.push_back(std::move(items[i]));
     items = std::move(sorted);
 }
 

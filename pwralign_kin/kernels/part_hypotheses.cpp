@@ -15,11 +15,15 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
     FloatLanes sum{};
     for (int i = first; i < last; i += lane_count) {
         const SampleLanes at(field, s, T, i, last);
+        const FloatLanes penalty = at.occluded ? all_lanes(options.occluded_penalty) : all_lanes(options.free_penalty);
+        if (!any_lane(at.found)) {
+            sum += at.w * -penalty;
+            continue;
+        }
         FloatLanes trust{};
         for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
         const FloatLanes match = trust * (1 - at.squared * share) * (.25f + .75f * at.facing);
         const IntLanes seen = field.has_origin ? at.seen > 0 : at.seen == at.seen;
-        const FloatLanes penalty = at.occluded ? all_lanes(options.occluded_penalty) : all_lanes(options.free_penalty);
         sum += at.w * (at.squared < limit ? (seen ? match : FloatLanes{}) : -penalty);
     }
     return sum_of_lanes(sum);
@@ -95,8 +99,7 @@ std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int 
                                         const float *point_weights) const {
     constexpr size_t pool = 400;
     const int refined = std::min(60, 6 * keep);
-    sort_by_score(candidates);
-    if (candidates.size() > pool) candidates.resize(pool);
+    sort_by_score(candidates, pool);
     candidates = select(candidates, distinct(candidates, refined, .02f));
     for (auto &h : candidates) refine_part(h, 5, point_weights);
     sort_by_score(candidates);

@@ -25,17 +25,17 @@ struct SampleLanes {
         IntLanes code{};
         for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
         found = code >= 0, occluded = -(code & 1);
-        const IntLanes points = found ? code >> 1 : IntLanes{};
-        VecLanes q{}, n{};
-        for (int j = 0; j < lane_count; ++j) {
-            nearest[j] = points[j];
-            const OrientedPoint &at = field.points[points[j]];
-            q.x[j] = at.p.x, q.y[j] = at.p.y, q.z[j] = at.p.z, n.x[j] = at.n.x, n.y[j] = at.n.y, n.z[j] = at.n.z;
+        store_lanes(found ? code >> 1 : IntLanes{}, nearest);
+        seen = dot(field.sensor - place, normal);
+        if (!any_lane(found)) {
+            away = place, squared = all_lanes(1e30f), facing = FloatLanes{};
+            return;
         }
+        VecLanes q, n;
+        field.rows.gather(nearest, q, n);
         away = place - q;
         squared = found ? dot(away, away) : all_lanes(1e30f);
         facing = max_lanes(dot(normal, n), FloatLanes{});
-        seen = dot(field.sensor - place, normal);
     }
 };
 

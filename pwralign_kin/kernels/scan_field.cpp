@@ -35,6 +35,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     };
     for (size_t i = 0; i < positions.size(); ++i) {
         points.push_back({positions[i], normals[i]});
+        rows.push(positions[i], normals[i]);
         include(positions[i]);
         if (has_origin) {
             const Vec ray = positions[i] - sensor;
@@ -145,8 +146,14 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
                 const IntLanes inside = first_lanes(nz - k) & (range > 1e-6f) & (x >= 0) & (y >= 0) &
                                         (x < float(width)) & (y < float(height));
                 if (!any_lane(inside)) continue;
-                for (int l = 0; l < lane_count; ++l)
-                    if (inside[l] && range[l] > depth[int64_t(y[l]) * width + int64_t(x[l])] + tolerance) row[k + l] |= 1;
+                const IntLanes pixels = __builtin_convertvector(y, IntLanes) * width + __builtin_convertvector(x, IntLanes);
+                int pixel[lane_count];
+                store_lanes(inside ? pixels : IntLanes{}, pixel);
+                FloatLanes surface{};
+                for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
+                const IntLanes behind = inside & (range > surface + tolerance);
+                if (!any_lane(behind)) continue;
+                for (int l = 0; l < std::min(lane_count, nz - k); ++l) row[k + l] |= behind[l] & 1;
             }
         }
     });

@@ -37,6 +37,7 @@ class ScanField {
     int nearest(Vec p) const { return cells[cell_at(p)] >> 1; }
 
     std::vector<OrientedPoint> points;
+    OrientedRows rows;         // the points once more, for several at a time
     std::vector<int> curve;    // the points along a space-filling curve: neighbours next to each other
     std::vector<float> weight; // how much a point speaks for a part that lies on it
     std::vector<float> area;   // surface that a point stands for, in any unit

@@ -101,26 +101,31 @@ float Search::total_score(float covered, const float *support) const {
     return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
 }
 
-void Search::score(std::vector<Configuration> &configurations, int points, float coverage_distance,
-                   std::vector<float> &covered, std::vector<float> &support) const {
+std::vector<Scores> Search::score(const std::vector<Configuration> &configurations, int points,
+                                  const std::vector<float> &coverage_distances) const {
     const int n = model.parts;
+    const size_t m = configurations.size();
     const PointSample sampled = sample_of_points(points);
-    covered.assign(configurations.size(), 0.f);
-    support.assign(configurations.size() * n, 0.f);
+    std::vector<Scores> scores(coverage_distances.size(), Scores{std::vector<float>(m), std::vector<float>(m), std::vector<float>(m * n, 0.f)});
     std::vector<uint8_t> mask(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
-    parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
+    parallel_for(int64_t(m), options.threads, [&](int64_t c) {
         std::vector<Rigid> T(n);
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
         const Assignment a = assign(sampled.balled, T.data(), mask.data(), options.band);
-        covered[c] = coverage(a, F, coverage_distance);
         std::vector<int> owner(field.points.size(), -1);
         for (size_t i = 0; i < a.part.size(); ++i) owner[shuffled[i]] = a.part[i];
-        update_support(owner, F, coverage_distance, mask.data(), &support[c * n]);
-        configurations[c].score = total_score(covered[c], &support[c * n]) - cost(configurations[c], F);
+        const float against = cost(configurations[c], F);
+        for (size_t d = 0; d < scores.size(); ++d) {
+            float *support = &scores[d].support[c * n];
+            scores[d].coverage[c] = coverage(a, F, coverage_distances[d]);
+            update_support(owner, F, coverage_distances[d], mask.data(), support);
+            scores[d].total[c] = total_score(scores[d].coverage[c], support) - against;
+        }
     });
+    return scores;
 }
 
 PointSample Search::sample_of_points(int most) const {
@@ -152,18 +157,22 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         std::vector<uint8_t> hangs(n, 0), moves(n), stays(n);
         for (int p = 1; p < n; ++p)
             hangs[p] = hangs[model.parent[p]] || (task.base_moves ? p == child : model.actuated[p] == task.joint);
+        std::vector<int> moving, above; // above: and the child itself
         for (int p = 0; p < n; ++p) {
             const bool is_moving = task.base_moves ? !hangs[p] : hangs[p];
+            if (is_moving && p > 0) moving.push_back(p);
+            if (p > 0 && model.below(child, p)) above.push_back(p);
             moves[p] = is_moving && model.surface[p].exists;
             stays[p] = !is_moving && model.surface[p].exists;
         }
         std::vector<Rigid> T(n);
         std::vector<RigidF> F(n);
-        auto place = [&](const Configuration &at) {
-            model.forward(at.base, at.values.data(), T.data());
-            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
+        auto place = [&](const Configuration &at, const std::vector<int> &parts) {
+            model.forward(at.base, at.values.data(), parts, T.data());
+            F[0] = to_float(T[0]);
+            for (const int p : parts) F[p] = to_float(T[p]);
         };
-        place(c);
+        place(c, above);
         const Rigid held = T[child];
         // Two joints take half of their values each: refinement finds the rest of the way.
         const int stride = task.with < 0 ? 1 : 2;
@@ -179,7 +188,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             tried[v].values[task.joint] = sweep.values[stride * (v / second.size)];
             if (task.with >= 0) tried[v].values[task.with] = other.values[stride * (v % second.size)];
             if (!task.base_moves) continue;
-            place(tried[v]);
+            place(tried[v], above);
             tried[v].base = held * inverse(T[child]) * tried[v].base;
         }
         // Few points tell which values are worth a look with many.
@@ -188,7 +197,8 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         for (const PointSample &look : samples) {
             const std::vector<int> &order = look.balled.order;
             const int count = int(order.size());
-            place(c);
+            model.forward(c.base, c.values.data(), T.data());
+            for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
             Nearest before(count, options.band);
             offer(look.balled, T.data(), stays.data(), before);
             Nearest now = before;
@@ -205,13 +215,13 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             };
             for (int at = 0; at < count; ++at) gains[order[at]] = gain_at(at, before);
             for (const int v : modes) {
-                place(tried[v]);
+                place(tried[v], moving);
                 now = before, gained = gains;
                 offer(look.balled, T.data(), moves.data(), now);
-                for (int at = 0; at < count; ++at) {
-                    owner[shuffled[order[at]]] = now.part[at];
+                for (int at = 0; at < count; ++at)
                     if (now.part[at] != before.part[at]) gained[order[at]] = gain_at(at, now);
-                }
+                if (!field.has_origin)
+                    for (int at = 0; at < count; ++at) owner[shuffled[order[at]]] = now.part[at];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 const float covered = std::accumulate(gained.begin(), gained.end(), 0.f) / all;
                 tried[v].score = row[v] = total_score(covered, support.data()) - cost(tried[v], F);

@@ -53,6 +53,12 @@ struct Configuration {
     float score = 0;
 };
 
+// Two-way scores of some configurations.
+struct Scores {
+    std::vector<float> total, coverage;
+    std::vector<float> support; // (configurations, parts)
+};
+
 struct Assignment {
     std::vector<float> distance;
     std::vector<int> part, sample; // -1 beyond the cap
@@ -122,8 +128,8 @@ class Search {
     std::vector<int> distinct(const std::vector<Hypothesis> &hypotheses, int keep, float radius) const;
     // The same of configurations, whose surfaces must differ by more than `apart` on average; the first `keep` of all.
     std::vector<int> distinct(const std::vector<Configuration> &configurations, int keep, float apart) const;
-    // The best configuration grown from each placed part.
-    std::vector<Configuration> grow(const std::vector<Hypothesis> &roots) const;
+    // The best configurations grown from each placed part, at most `keep`.
+    std::vector<Configuration> grow(const std::vector<Hypothesis> &roots, int keep) const;
     // The best `keep` configurations of each task, in task order.
     std::vector<Configuration> regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                       int keep) const;
@@ -135,9 +141,10 @@ class Search {
     // each task by the two-way score.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                      int keep) const;
-    // Two-way score of whole configurations on a fair sample of at most `points` scan points; `support` is (m, parts).
-    void score(std::vector<Configuration> &configurations, int points, float coverage_distance,
-               std::vector<float> &coverage, std::vector<float> &support) const;
+    // Two-way scores of whole configurations on a fair sample of at most `points` scan points, one set a distance within
+    // which points are covered.
+    std::vector<Scores> score(const std::vector<Configuration> &configurations, int points,
+                              const std::vector<float> &coverage_distances) const;
     // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
     void refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                 float sigma_last, float support_weight, const std::vector<float> &part_weights) const;

@@ -160,8 +160,7 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
         for (int v : best_modes(row, modes, {steps, window, sweep.circular}))
             candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
     }
-    sort_by_score(candidates);
-    if (int(candidates.size()) > beam) candidates.resize(beam);
+    sort_by_score(candidates, beam);
     std::vector<Partial> next;
     next.reserve(candidates.size());
     for (const Candidate &c : candidates) {
@@ -250,8 +249,14 @@ std::vector<int> Search::distinct(const std::vector<Configuration> &configuratio
     return kept;
 }
 
-std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) const {
-    std::vector<Configuration> out(roots.size());
+static std::vector<Configuration> flattened(const std::vector<std::vector<Configuration>> &several) {
+    std::vector<Configuration> all;
+    for (const auto &own : several) all.insert(all.end(), own.begin(), own.end());
+    return all;
+}
+
+std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, int keep) const {
+    std::vector<std::vector<Configuration>> grown(roots.size());
     std::vector<float> weights;
     for (const Surface &s : model.surface) weights.push_back(s.weight);
     parallel_for(int64_t(roots.size()), options.threads, [&](int64_t i) {
@@ -259,10 +264,10 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots) co
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
         const Growth growth{field.weight.data(), weights.data()};
-        const Partial best = grow_from(start, roots[i].part, -1, -1, 1, growth).front();
-        out[i] = {best.T[0], best.values, float(best.score)};
+        for (const Partial &state : grow_from(start, roots[i].part, -1, -1, keep, growth))
+            grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
-    return out;
+    return flattened(grown);
 }
 
 std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
@@ -293,9 +298,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
-    std::vector<Configuration> out;
-    for (auto &g : grown) out.insert(out.end(), g.begin(), g.end());
-    return out;
+    return flattened(grown);
 }
 
 } // namespace pwr

@@ -17,13 +17,15 @@ from pwralign_kin import kernels
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model.cache import load_or_build
+from pwralign_kin.model.flat_faces import FlatFaces, flat_faces
+from pwralign_kin.se3 import Array
 
 if TYPE_CHECKING:
     from pwralign_kin.model.articulated_model import ArticulatedModel
 
 Float = NDArray[np.float32]
 
-VERSION = 5  # part of the cache key: raise it when the preparation changes
+VERSION = 6  # part of the cache key: raise it when the preparation changes
 COARSE_SAMPLES = 160
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
@@ -35,6 +37,7 @@ REACH_CONFIGURATIONS = 60
 DIRECTIONS = 14
 SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
 LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
+FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face
 LEAST_WEIGHT = 0.02  # small parts count at least this share
 
 
@@ -58,6 +61,10 @@ class Surface:
     """(3,) lower corner of the grid."""
     centre: Float
     """(3,) centre of the bounding sphere."""
+    faces: Array
+    """(f, 4, 4) frames of the rectangles around flat faces (`flat_faces.FlatFaces`), ..."""
+    face_sizes: Array
+    """... and (f, 2) their sides."""
     scalars: Float
     """(5,) cell size, spacing of the dense samples, bounding radius, size (box diagonal), visible area."""
 
@@ -279,6 +286,7 @@ def _surface(
     dense = np.ascontiguousarray(dense, np.float32)
     grid = kernels.closest_sample_grid(dense, _triple(origin), cell, dims, GRID_BAND)
     visible_area = area * frequency.sum() / len(probes)
+    flat = _flat(np.ascontiguousarray(outer), np.ascontiguousarray(oriented[:, :], np.float32), area / len(probes))
     centre = (low + high) / 2
     radius = np.linalg.norm(vertices - centre, axis=1).max()
     return Surface(
@@ -290,15 +298,24 @@ def _surface(
         grid=grid.reshape(dims),
         origin=np.asarray(origin, np.float32),
         centre=np.asarray(centre, np.float32),
+        faces=flat.frames,
+        face_sizes=flat.sizes,
         scalars=np.array([cell, spacing, radius, np.linalg.norm(high - low), visible_area], np.float32),
     )
+
+
+def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
+    """Return the flat faces of the visible probes of one part."""
+    spacing = float(np.sqrt(area_per_point))
+    return flat_faces(points, normals, area_per_point, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
 
 
 def _no_surface() -> Surface:
     none = np.zeros((0, 3), np.float32)
     return Surface(
         none, none, np.zeros(0, np.float32), none, none, np.zeros((0, 0, 0), np.uint16),
-        np.zeros(3, np.float32), np.zeros(3, np.float32), np.array([1, 0, 0, 0, 0], np.float32),
+        np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros((0, 4, 4)), np.zeros((0, 2)),
+        np.array([1, 0, 0, 0, 0], np.float32),
     )  # fmt: skip
 
 

@@ -56,6 +56,20 @@ def test_strays_are_dropped() -> None:
     assert (np.abs(given - 0.4) > 0.1).mean() < 0.002
 
 
+def test_mixed_pixels_between_an_edge_and_what_lies_behind_are_dropped() -> None:
+    sensor = np.array([0.0, 0.0, 2.0])
+    front = np.column_stack([RNG.uniform(-0.2, 0.2, (6000, 2)), np.full(6000, 0.2)])
+    behind = np.column_stack([RNG.uniform(-0.5, 0.5, (20000, 2)), np.full(20000, -0.2)])
+    share = np.concatenate([RNG.uniform(0.2, 1.0, (400, 1)), np.ones((1, 1))])
+    edge = np.column_stack([np.full(401, 0.2), RNG.uniform(-0.2, 0.2, 401), np.full(401, 0.2)])
+    mixed = (sensor + (edge - sensor) * (1.0 + 0.28 * share))[:400]
+    observation = prepared(np.concatenate([front, behind, mixed]), sensor)
+    for points in (observation.points, observation.given):
+        height = points[:, 2] + observation.centre[2]
+        assert (np.abs(height) < 0.12).sum() < 0.2 * 400 * len(points) / 26400
+        assert (height > 0.15).any() and (height < -0.15).any()
+
+
 def test_a_table_goes_and_a_face_stays() -> None:
     side = RNG.uniform(-0.9, 0.9, (12000, 2))
     table = np.column_stack([side, np.full(len(side), -0.4)])
