@@ -57,7 +57,7 @@ def evidence(
     sigma: float = SIGMA,
     threads: int = 1,
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, float]:
-    placements, J = (np.ascontiguousarray(array) for array in solver.frame(base, values))
+    placements, J = (np.ascontiguousarray(array) for array in solver.part_twists(base, values))
     return mixture.evidence(points, placements, J, sigma, STRAYS, VOLUME, threads)
 
 
@@ -66,7 +66,7 @@ def test_the_density_of_points_sums_to_one(
 ) -> None:
     wide, high, steps = 0.12, 1.1, 16
     mixture = kernels.SurfaceMixture(arm.kernel_model, wide)
-    mixture.look(np.ascontiguousarray(solver.frame(*truth)[0]), directions(12), 0.1)
+    mixture.look(np.ascontiguousarray(solver.part_twists(*truth)[0]), directions(12), 0.1)
     axis = high * ((2 * np.arange(steps) + 1) / steps - 1)
     places = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 1, 3).astype(np.float32)
     # Density is that of strays alone over the share of strays that a single point has.
@@ -114,7 +114,7 @@ def test_surface_that_nothing_sees_weighs_little(
     arm: pk.ArticulatedModel, solver: JointLeastSquares, truth: tuple[np.ndarray, np.ndarray]
 ) -> None:
     base, values = truth
-    placements = np.ascontiguousarray(solver.frame(base, values)[0])
+    placements = np.ascontiguousarray(solver.part_twists(base, values)[0])
     surface = arm.surfaces[0]
     up = surface.dense_normals[:, 2] > 0.9
     points = [
