@@ -307,7 +307,8 @@ def _surface(
 def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
     """Return the flat faces of the visible probes of one part."""
     spacing = float(np.sqrt(area_per_point))
-    return flat_faces(points, normals, area_per_point, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
+    area = np.full(len(points), area_per_point)
+    return flat_faces(points, normals, area, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
 
 
 def _no_surface() -> Surface:
