@@ -210,6 +210,7 @@ class AnswerSearch:
                 found = search_regions(
                     self.search, options if attempt == 0 else options.scaled(options.further), self.repairing, seed,
                     self._outside(seed), self.near, repaired, pairs="pairs" in self.options.sources,
+                    faces=self.options.faces if "faces" in self.options.sources else None,
                 )  # fmt: skip
             if found is None:
                 raise self._nothing_placed

@@ -263,7 +263,7 @@ class Estimator:
             profile = profiled(solver, solution.base, solution.values, int(joint), errors)
             sure[joint] = profile.margin > NO_RIVAL
             if sure[joint] and profile.gain > 0.0:
-                solution = solver.run(profile.base, solver.limited(profile.values))
+                solution = solved(solver, profile.base, solver.limited(profile.values), solution.problem.blur)
         return solution, sure
 
     def _at_prior(

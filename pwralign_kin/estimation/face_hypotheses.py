@@ -36,20 +36,21 @@ class FaceOptions:
     """... and kept."""
 
 
-def face_hypotheses(search: TreeSearch, parts: Ints, options: FaceOptions) -> Hypotheses:
-    """Return poses of `parts` that lay one of their flat faces onto a flat patch of the scan."""
-    patches = scan_faces(search.observation, options)
+def face_hypotheses(search: TreeSearch, parts: Ints, options: FaceOptions, region: int = 0) -> Hypotheses:
+    """Return poses of `parts` that lay one of their flat faces onto a flat patch of one region of the scan."""
+    patches = scan_faces(search.observation, options, region)
     found = [_of_part(search, int(part), patches, options) for part in parts]
     return Hypotheses.concatenate([Hypotheses.nothing(), *found])
 
 
-def scan_faces(observation: Observation, options: FaceOptions) -> FlatFaces:
-    """Return the flat patches of a scan."""
+def scan_faces(observation: Observation, options: FaceOptions, region: int) -> FlatFaces:
+    """Return the flat patches of one region of a scan."""
+    own = np.flatnonzero(observation.regions == region)
     link = max(options.links * observation.spacing, 0.02)
     tolerance = options.tolerance + 3 * observation.noise
-    return flat_faces(
-        observation.points, observation.normals, observation.area_per_point, link, tolerance, options.least_area
-    )
+    area = observation.areas[own].astype(float) * (1.0 if observation.scene else observation.area_per_point)
+    points, normals = (np.ascontiguousarray(of[own]) for of in (observation.points, observation.normals))
+    return flat_faces(points, normals, area, link, tolerance, options.least_area)
 
 
 def _of_part(search: TreeSearch, part: int, patches: FlatFaces, options: FaceOptions) -> Hypotheses:

@@ -43,7 +43,7 @@ class EstimatorOptions:
     sources: tuple[str, ...] = ("pairs", "faces")
     """Where part hypotheses come from: "pairs" (oriented point pairs), "faces" (the edges of flat faces), "fpfh"
     (built-in feature correspondences). Correspondences that are passed to `estimate` count besides; with () they are
-    the only source. Scenes are not searched by faces, of which rooms are full."""
+    the only source."""
     region: tuple[float, float, float, float, float, float] | None = None
     """xmin, ymin, zmin, xmax, ymax, zmax (scan frame, m): a box that the model is in. What is outside still hides and
     frees space, other than after `Scan.cropped`."""

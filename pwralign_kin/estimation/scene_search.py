@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.face_hypotheses import FaceOptions, face_hypotheses
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.repair import RepairOptions, repair
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -78,15 +79,16 @@ def search_regions(
     earlier: list[Candidates],
     *,
     pairs: bool,
+    faces: FaceOptions | None,
 ) -> Candidates | None:
-    """Return refined configurations from all regions if `pairs`, and from part hypotheses of other sources.
+    """Return refined configurations from all regions if `pairs` or `faces`, and from part hypotheses of other sources.
 
     None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped. What is like
     one of the `earlier` configurations is not repaired again; those repaired now are added to them.
     """
     found = [
         _searched(search, options, hypotheses, share)
-        for hypotheses, share in _sources(search, options, seed, outside, pairs=pairs)
+        for hypotheses, share in _sources(search, options, seed, outside, pairs=pairs, faces=faces)
         if len(hypotheses.parts)
     ]
     if not found:
@@ -138,23 +140,38 @@ def _improved(
 
 
 def _sources(
-    search: TreeSearch, options: SceneSearchOptions, seed: int, outside: Hypotheses, *, pairs: bool
+    search: TreeSearch,
+    options: SceneSearchOptions,
+    seed: int,
+    outside: Hypotheses,
+    *,
+    pairs: bool,
+    faces: FaceOptions | None,
 ) -> Iterator[tuple[Hypotheses, float]]:
     """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole."""
-    yield outside, 1.0
-    if not pairs:
-        return
+    yield _promising(search, options, outside, 1.0), 1.0
     observation = search.observation
     areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
     shares = np.sqrt(areas[: options.regions])
-    for region, share in enumerate(shares / shares.sum()):
-        anchors = max(options.least_anchors, int(share * options.anchors))
-        yield search.pair_hypotheses(seed, region, anchors, options.more), float(share)
+    for region, share in enumerate((shares / shares.sum()).tolist()):
+        found = Hypotheses.nothing()
+        if pairs:
+            anchors = max(options.least_anchors, int(share * options.anchors))
+            paired = search.pair_hypotheses(seed, region, anchors, options.more)
+            found = _promising(search, options, paired, share)
+        if faces is not None:
+            largest = search.largest_parts(search.options.root_parts)
+            found = Hypotheses.concatenate([found, face_hypotheses(search, largest, faces, region)])
+        yield found, share
 
 
-def _searched(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Candidates:
-    """Return configurations grown from a share of the budget and refined a little, best first."""
-    roots = search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
+def _promising(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Hypotheses:
+    """Return the hypotheses that are worth a share of the budget."""
+    return search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
+
+
+def _searched(search: TreeSearch, options: SceneSearchOptions, roots: Hypotheses, share: float) -> Candidates:
+    """Return configurations grown from placed parts and refined a little, best first."""
     kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
     return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
 

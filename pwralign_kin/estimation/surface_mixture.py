@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels, se3
 from pwralign_kin.estimation.joint_least_squares import Blur, JointLeastSquares, Problem, Solution, bounded_step
+from pwralign_kin.model.surface import fibonacci_directions
 from pwralign_kin.se3 import Array
 
 SPACING, FINEST = 1.2, 0.003
@@ -71,7 +71,8 @@ class SurfaceMixture:
         self.points = observation.given
         self.volume = float(np.prod(np.maximum(np.ptp(self.points, axis=0), 10 * noise)))
         self.mixture = kernels.SurfaceMixture(solver.model.kernel_model, max(SPACING * noise, FINEST))
-        self.mixture.look(np.ascontiguousarray(solver.part_twists(base, values)[0]), directions(DIRECTIONS), UNSEEN)
+        sensors = fibonacci_directions(DIRECTIONS).astype(np.float32)
+        self.mixture.look(np.ascontiguousarray(solver.part_twists(base, values)[0]), sensors, UNSEEN)
 
     def evidence(self, at: _Place, strays: float) -> _Evidence:
         """Return the likelihood of the points at some unknowns, with `strays` the share of strays among them."""
@@ -134,11 +135,3 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(at.base, at.values))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
     return Solution(se3.orthonormalised(at.base), at.values, problem, ended, steps)
-
-
-def directions(count: int) -> NDArray[np.float32]:
-    """Return unit vectors (count, 3) spread evenly over the sphere (a Fibonacci lattice)."""
-    number = np.arange(count) + 0.5
-    height, azimuth = 1.0 - 2.0 * number / count, np.pi * (3.0 - np.sqrt(5.0)) * number
-    flat = np.sqrt(1.0 - height**2)
-    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), height], axis=-1).astype(np.float32)

@@ -15,7 +15,7 @@ Float = NDArray[np.float32]
 TRIALS = 100
 FACING = 0.9
 """Least cosine between the normals of a face and of its points."""
-MOST_FACES = 12
+MOST_FACES, FEWEST_POINTS = 12, 8
 TURNS = 45
 """Directions within a right angle in which the least rectangle is looked for."""
 
@@ -37,26 +37,26 @@ class FlatFaces:
 
 
 def flat_faces(
-    points: Float, normals: Float, area_per_point: float, link: float, tolerance: float, least_area: float
+    points: Float, normals: Float, area: Array, link: float, tolerance: float, least_area: float
 ) -> FlatFaces:
     """Return the connected flat pieces of at least `least_area` among points (n, 3) with unit normals (n, 3).
 
-    Points within `tolerance` of a plane belong to it, those within `link` of each other to one piece.
+    Each point stands for an `area` (n,). Points within `tolerance` of a plane belong to it, those within `link` of each
+    other to one piece.
     """
     frames: list[Array] = []
     sizes: list[Array] = []
     areas: list[float] = []
     left = np.arange(len(points))
-    fewest = max(least_area / area_per_point, 8.0)
-    while len(left) >= fewest and len(areas) < MOST_FACES:
+    while len(left) >= FEWEST_POINTS and len(areas) < MOST_FACES:
         own, own_normals = np.ascontiguousarray(points[left]), np.ascontiguousarray(normals[left])
         piece = _largest_piece(own, own_normals, link, tolerance)
-        if len(piece) < fewest:
+        if len(piece) < FEWEST_POINTS or area[left[piece]].sum() < least_area:
             break
         frame, size = _rectangle(own[piece].astype(float), own_normals[piece].mean(axis=0))
         frames.append(frame)
         sizes.append(size)
-        areas.append(len(piece) * area_per_point)
+        areas.append(float(area[left[piece]].sum()))
         left = np.delete(left, piece)
     order = np.argsort(-np.array(areas), kind="stable")
     return FlatFaces(

@@ -224,7 +224,7 @@ def _visibility(
 
     seen = [np.zeros(len(p), np.float32) for p in points]
     facing = [np.zeros(len(p), np.float32) for p in points]
-    directions = _fibonacci_directions(DIRECTIONS)
+    directions = fibonacci_directions(DIRECTIONS)
     for _ in range(CONFIGURATIONS):
         values = model.lower + (model.upper - model.lower) * random.random(len(model.lower))
         placements = model.part_placements(values)
@@ -307,7 +307,8 @@ def _surface(
 def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
     """Return the flat faces of the visible probes of one part."""
     spacing = float(np.sqrt(area_per_point))
-    return flat_faces(points, normals, area_per_point, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
+    area = np.full(len(points), area_per_point)
+    return flat_faces(points, normals, area, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
 
 
 def _no_surface() -> Surface:
@@ -323,7 +324,7 @@ def _triple(v: NDArray[Any]) -> tuple[float, float, float]:
     return float(v[0]), float(v[1]), float(v[2])
 
 
-def _fibonacci_directions(count: int) -> NDArray[np.float64]:
+def fibonacci_directions(count: int) -> NDArray[np.float64]:
     """Return `count` unit vectors spread evenly over the sphere (spherical Fibonacci lattice)."""
     k = np.arange(count)
     z = 1 - 2 * (k + 0.5) / count
@@ -344,4 +345,12 @@ def total_area(surfaces: Sequence[Surface]) -> float:
     return float(sum(s.area for s in surfaces))
 
 
-__all__ = ["Surface", "build_surfaces", "kernel_model", "part_weights", "prepare_surfaces", "total_area"]
+__all__ = [
+    "Surface",
+    "build_surfaces",
+    "fibonacci_directions",
+    "kernel_model",
+    "part_weights",
+    "prepare_surfaces",
+    "total_area",
+]

@@ -43,7 +43,8 @@ def box(T: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_faces_of_a_box_are_found_however_it_lies(seed: int) -> None:
     T = turned(seed)
-    faces = flat_faces(*box(T, seed), 1 / 20000, 0.03, 0.005, 0.01)
+    points, normals = box(T, seed)
+    faces = flat_faces(points, normals, np.full(len(points), 1 / 20000), 0.03, 0.005, 0.01)
     assert len(faces) == 6
     expected = [[0.5, 0.3], [0.5, 0.3], [0.5, 0.2], [0.5, 0.2], [0.3, 0.2], [0.3, 0.2]]
     np.testing.assert_allclose(faces.sizes, expected, atol=0.02)
@@ -58,7 +59,8 @@ def test_what_is_round_has_no_faces() -> None:
     normals = np.random.default_rng(0).normal(size=(4000, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     ball = (0.3 * normals).astype(np.float32)
-    assert len(flat_faces(ball, normals.astype(np.float32), 1.13 / 4000, 0.04, 0.005, 0.08)) == 0
+    area = np.full(4000, 1.13 / 4000)
+    assert len(flat_faces(ball, normals.astype(np.float32), area, 0.04, 0.005, 0.08)) == 0
 
 
 def test_a_whole_patch_fits_both_ways_round_and_a_part_of_it_to_either_end() -> None:

@@ -13,6 +13,7 @@ from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import FpfhMatcher
+from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
@@ -138,7 +139,9 @@ def test_another_search_repairs_other_configurations(excavator: pk.ArticulatedMo
     earlier: list[Candidates] = []
 
     for _ in range(2):
-        search_regions(search, never, RepairOptions(), 0, Hypotheses.nothing(), None, earlier, pairs=True)
+        search_regions(
+            search, never, RepairOptions(), 0, Hypotheses.nothing(), None, earlier, pairs=True, faces=FaceOptions()
+        )
 
     started = Candidates.concatenate(earlier[::2])
     assert len(started) == 4

@@ -11,8 +11,9 @@ import pwralign_kin as pk
 from pwralign_kin import kernels, se3
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions
-from pwralign_kin.estimation.surface_mixture import directions, solved
+from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.model.surface import fibonacci_directions
 from pwralign_kin.simulation import Sensor, SimulatedScan
 
 SIGMA, STRAYS, VOLUME = 0.02, 0.05, 0.5
@@ -66,7 +67,7 @@ def test_the_density_of_points_sums_to_one(
 ) -> None:
     wide, high, steps = 0.12, 1.1, 16
     mixture = kernels.SurfaceMixture(arm.kernel_model, wide)
-    mixture.look(np.ascontiguousarray(solver.part_twists(*truth)[0]), directions(12), 0.1)
+    mixture.look(np.ascontiguousarray(solver.part_twists(*truth)[0]), fibonacci_directions(12).astype(np.float32), 0.1)
     axis = high * ((2 * np.arange(steps) + 1) / steps - 1)
     places = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 1, 3).astype(np.float32)
     # Density is that of strays alone over the share of strays that a single point has.
