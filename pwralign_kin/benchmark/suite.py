@@ -245,8 +245,8 @@ def degradation(settings: Settings, progress: Progress) -> Result:
     """Scans that get worse, beside the part-wise rigid baseline."""
     robots = models(settings.samples, settings.robots or CURVE_MODELS)
     points = curves.measure(robots, settings.configurations or CONFIGURATIONS, settings.threads, progress)
-    text = "\n".join([curves.curves_table(points), curves.methods_table(points)])
-    return Result(text, points, curves.curve_pictures(points))
+    tables = (curves.curves_table(points), curves.methods_table(points))
+    return _illustrated(tables, points, curves.curve_pictures(points))
 
 
 def tracked(settings: Settings, progress: Progress) -> Result:
