@@ -50,7 +50,7 @@ class ObservationOptions:
     normal_noises: float = 4.0
     neighbour_spacings: float = 1.6
     """... and it is widened to this many point spacings where the scan is sparse."""
-    grazing: float = 0.15
+    grazing: float = 0.05
     """Cosine between ray and normal below which a sensor does not measure the surface that is there."""
     stray_distance: float = 0.06
     """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
