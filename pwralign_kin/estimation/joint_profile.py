@@ -97,7 +97,5 @@ def _distances(
     search: TreeSearch, points: NDArray[np.float32], placements: Array, parts: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.int32]]:
     """Return of points how far they are from the nearest of `parts` of a posed model, and which it is."""
-    distance, owner, _ = search.native.assign(
-        points, np.ascontiguousarray(placements), parts.astype(np.uint8), search.options.near
-    )
-    return np.asarray(distance, float), np.asarray(owner)
+    distance, owner = search.assigned(points, placements, parts, search.options.near)
+    return distance.astype(float), owner

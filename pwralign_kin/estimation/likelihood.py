@@ -8,7 +8,6 @@ more, to the exact closest points of the triangles, before it is judged. The noi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.estimation.candidates import Candidates
@@ -89,8 +88,7 @@ def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
     """Return scan points (n, 3) near to an answer, as given by the sensor."""
     search = solver.search
     raw = search.observation.raw
-    placements = np.ascontiguousarray(search.part_placements(answer)[0])
-    distance: NDArray[np.float32] = search.native.assign(raw, placements, search.exists.astype(np.uint8), REACH)[0]
+    distance = search.assigned(raw, search.part_placements(answer)[0], search.exists, REACH)[0]
     near = raw[distance < REACH]
     chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
     return np.ascontiguousarray(near[chosen])

@@ -443,6 +443,11 @@ class TreeSearch:
         return self._assigned(candidate, points, self.exists)[0]
 
     def _assigned(self, candidate: Candidates, points: Float, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
-        placements = np.ascontiguousarray(self.part_placements(candidate)[0])
-        distance, part, _ = self.native.assign(points, placements, parts.astype(np.uint8), 0.06)
+        return self.assigned(points, self.part_placements(candidate)[0], parts, 0.06)
+
+    def assigned(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> tuple[Float, Ints]:
+        """Return per point its distance (at most `reach`) from the nearest of `parts` placed (parts, 4, 4), and which;
+        -1 for none."""
+        mask = parts.astype(np.uint8)
+        distance, part, _ = self.native.assign(points, np.ascontiguousarray(placements), mask, reach)
         return np.asarray(distance), np.asarray(part)
