@@ -69,7 +69,7 @@ class _Problem:
         self.options = options
         self.centre = np.asarray(points.mean(axis=0))
         self.points = (points - self.centre) / model.diagonal
-        self.unit = np.array([model.diagonal if model.units[name] == "m" else 1.0 for name in model.joint_names])
+        self.unit = model.joint_scales
         # A locked joint would leave no room between its bounds.
         lower, upper = model.lower / self.unit, np.maximum(model.upper / self.unit, model.lower / self.unit + 1e-9)
         free = np.full(6, np.inf)

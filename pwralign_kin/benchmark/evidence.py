@@ -91,16 +91,15 @@ def joint_doubts(ruler: Ruler, reference: Reference, estimate: Estimate) -> tupl
     if any(errors[name] > SUSPICIOUS for name in reference.told):
         same = _errors(ruler, reference.truth, in_words_of_truth(ruler, reference, estimate.state))
         errors |= {name: min(errors[name], same[name]) for name in reference.told}
-    units = _units(ruler)
     return tuple(
         JointDoubt(
             name=name,
-            error=errors[name] * units[name],
+            error=errors[name] * scale,
             std=estimate.std[name],
             determined=name not in estimate.undetermined,
             told=name in reference.told,
         )
-        for name in ruler.model.joint_names
+        for name, scale in zip(ruler.model.joint_names, ruler.model.joint_scales.tolist(), strict=True)
     )
 
 
@@ -112,11 +111,6 @@ def _errors(ruler: Ruler, truth: State, answer: State) -> dict[str, float]:
         offset = answer.joints[name] - truth.joints[name]
         found[name] = abs(offset) / model.diagonal if model.units[name] == "m" else abs(wrapped(offset))
     return found
-
-
-def _units(ruler: Ruler) -> dict[str, float]:
-    model = ruler.model
-    return {name: model.diagonal if model.units[name] == "m" else 1.0 for name in model.joint_names}
 
 
 def _least(values: np.ndarray) -> float:

@@ -160,9 +160,8 @@ class Ruler:
         """Return the error of each joint: degrees, or percent of a slide's range."""
         model = self.model
         offsets = model.values(answer.joints) - model.values(reference.truth.joints)
-        slides = np.array([model.units[name] == "m" for name in model.joint_names], bool)
         errors = np.where(
-            slides, 100.0 * offsets / (model.upper - model.lower), np.degrees([wrapped(o) for o in offsets])
+            model.prismatic, 100.0 * offsets / (model.upper - model.lower), np.degrees([wrapped(o) for o in offsets])
         )
         return dict(zip(model.joint_names, np.abs(errors).tolist(), strict=True))
 

@@ -40,17 +40,11 @@ def in_words_of_truth(ruler: Ruler, reference: Reference, answer: State) -> Stat
         step = _step(ruler, reference, surface, base, values)
         base[:3, 3] += step[3:6] * model.diagonal
         base[:3, :3] = se3.exp(step[:6])[:3, :3] @ base[:3, :3]
-        values = values + step[6:] * _units(ruler)
+        values = values + step[6:] * model.joint_scales
         if np.abs(step).max() < _TOLERANCE:
             break
     base[:3, 3] += centre
     return State(se3.orthonormalised(base), dict(zip(model.joint_names, values.tolist(), strict=True)))
-
-
-def _units(ruler: Ruler) -> Array:
-    """Return (k,) what a step of 1 means: a radian, or a model diagonal (m)."""
-    model = ruler.model
-    return np.array([model.diagonal if model.units[name] == "m" else 1.0 for name in model.joint_names])
 
 
 def _step(ruler: Ruler, reference: Reference, surface: RayScene, base: Array, values: Array) -> Array:
@@ -69,7 +63,7 @@ def _step(ruler: Ruler, reference: Reference, surface: RayScene, base: Array, va
         angular, linear = R @ jacobians[part][:3], R @ jacobians[part][3:]
         about_base = np.cross(points - base[:3, 3], normals) / model.diagonal
         by_joints = normals @ linear + np.cross(arm, normals) @ angular
-        J = np.concatenate([about_base, normals, by_joints * _units(ruler) / model.diagonal], axis=1)[near]
+        J = np.concatenate([about_base, normals, by_joints * model.joint_scales / model.diagonal], axis=1)[near]
         H += J.T @ J / len(points)
         g += J.T @ residual[near] / len(points)
     H += _DAMPING * np.trace(H) / size * np.eye(size)

@@ -289,8 +289,7 @@ def guess_off(model: ArticulatedModel, truth: State, kind: tuple[float, float, f
     T = truth.T_scan_base.copy()
     T[:3, :3] = rotation_about(axis, np.radians(degrees)) @ T[:3, :3]
     T[:3, 3] += shift * direction
-    slides = np.array([model.units[name] == "m" for name in model.joint_names], bool)
-    sizes = np.where(slides, 0.1 * (model.upper - model.lower), joint)
+    sizes = np.where(model.prismatic, 0.1 * (model.upper - model.lower), joint)
     values = model.values(truth.joints) + sizes * random.choice([-1.0, 1.0], len(sizes))
     values = np.clip(values, model.lower, model.upper)
     return State(T, dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)

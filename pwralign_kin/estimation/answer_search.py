@@ -113,7 +113,7 @@ class AnswerSearch:
     def from_guess(self, base: Array, values: Array) -> Candidates:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
         search = self.search
-        start = Candidates(base[None], values[None].copy(), np.zeros(1, np.float32))
+        start = Candidates.single(base, values)
         with self.watch.stage("refinement"):
             found: list[Candidates] = []
             for sigma in WARM_SIGMAS:

@@ -74,6 +74,11 @@ class Candidates:
         return self.take(np.argsort(-self.scores, kind="stable"))
 
     @staticmethod
+    def single(base: Array, values: Array, score: float = 0.0) -> Candidates:
+        """Return one configuration: its base (4, 4) and its values (k,)."""
+        return Candidates(base[None], values[None], np.full(1, score, np.float32))
+
+    @staticmethod
     def concatenate(several: Sequence[Candidates]) -> Candidates:
         """Return all configurations of several sets."""
         return Candidates(

@@ -32,9 +32,9 @@ def equal_answers(model: ArticulatedModel, search: TreeSearch, final: Candidates
         values = follower.follow(int(part), places[part] @ turn)
         if values is None:
             continue
-        at_origin = search.part_placements(Candidates(np.eye(4)[None], values[None], np.zeros(1, np.float32)))[0]
+        at_origin = search.part_placements(Candidates.single(np.eye(4), values))[0]
         base = places[part] @ turn @ inverse(at_origin[part])
-        other = Candidates(base[None], values[None], np.full(1, -np.inf, np.float32))
+        other = Candidates.single(base, values, -np.inf)
         found = search.distinct(Candidates.concatenate([found, other]), MOST + 1, search.options.distinct)
         if len(found) > MOST:
             break

@@ -81,9 +81,7 @@ class JointClosing:
         """Return the placements (m, 4, 4) of the part below for those (m, 4, 4) of the part above and `values`."""
         T = above
         for column, joint in enumerate(joints):
-            slides = self.model.units[self.model.joint_names[joint.actuated]] == "m"
-            unit = self.model.diagonal if slides else 1.0
-            value = joint.multiplier * values[:, column] * unit + joint.offset
+            value = joint.multiplier * values[:, column] * self.model.joint_scales[joint.actuated] + joint.offset
             if joint.kind == "prismatic":
                 move = np.tile(np.eye(4), (len(value), 1, 1))
                 move[:, :3, 3] = value[:, None] / self.model.diagonal * joint.axis
@@ -101,8 +99,7 @@ class JointClosing:
     def _actuated(self, joint: MovingJoint, value: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the actuated values (m,) of joint values (rad or m), clipped, and whether limits allow them."""
         lower, upper = self.lower[joint.actuated], self.upper[joint.actuated]
-        slides = self.model.units[self.model.joint_names[joint.actuated]] == "m"
-        unit = self.model.diagonal if slides else 1.0
+        unit = self.model.joint_scales[joint.actuated]
         u = (value - joint.offset) / joint.multiplier / unit
         if joint.kind != "prismatic":
             # Of all full turns the one nearest to the middle of the limits.

@@ -140,6 +140,11 @@ class Solution:
     converged: bool
     iterations: int
 
+    @property
+    def configuration(self) -> Candidates:
+        """What was found, for the search's own figures."""
+        return Candidates.single(self.base, self.values)
+
 
 class JointLeastSquares:
     """Base and joints of one model fitted to one observed scan."""
@@ -158,8 +163,6 @@ class JointLeastSquares:
         self.lower = lower
         self.upper = upper
         self.options = options
-        slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
-        self.unit = np.where(slide, model.diagonal, 1.0)
         self.silhouette: Silhouette | None = None
         self.systematic = 0.0
         self.along_rays = False
@@ -186,7 +189,7 @@ class JointLeastSquares:
     def look(self, base: Array, values: Array) -> None:
         """Tell the model's points in the image of a single view from the rest, by a configuration near to the end."""
         search = self.search
-        at = Candidates(base[None], values[None], np.zeros(1, np.float32))
+        at = Candidates.single(base, values)
         known = (1.2 * search.observation.noise) ** 2 + EXACT**2
         self.systematic = float(np.sqrt(max(search.residual(at) ** 2 - known, 0.0)))
         observation = search.observation
@@ -219,7 +222,7 @@ class JointLeastSquares:
 
     def robust_scale(self, base: Array, values: Array) -> float:
         """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""
-        residual = self.search.residual(Candidates(base[None], values[None], np.zeros(1, np.float32)))
+        residual = self.search.residual(Candidates.single(base, values))
         noise = self.options.sigmas * self.search.observation.noise
         return max(self.options.least_sigma, noise, residual)
 
@@ -228,13 +231,13 @@ class JointLeastSquares:
 
         All twists are about the base's origin.
         """
-        metres = values * self.unit
+        metres = values * self.model.joint_scales
         placements = self.model.part_placements(metres)
         R = base[:3, :3]
         # Pinocchio gives the velocity of each part's own origin.
         J = self.model.part_jacobians(metres)
         angular, linear = J[:, :3], J[:, 3:] + se3.skew(placements[:, :3, 3]) @ J[:, :3]
-        joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.unit
+        joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.model.joint_scales
         placed = placements.copy()
         placed[:, :3, 3] /= self.model.diagonal
         full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)

@@ -44,7 +44,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     Points have independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
     """
     search = solver.search
-    here = Candidates(base[None], values[None], np.zeros(1, np.float32))
+    here = Candidates.single(base, values)
     T = search.part_placements(here)[0]
     distance, owner = _distances(search, search.observation.given, T, search.exists)
     owned = np.bincount(owner[distance < search.reach], minlength=len(T))
@@ -81,7 +81,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
 
 def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:
     """Return values of a joint (m,) within its limits, and how many probe motions they are from the one it has."""
-    step = PROBE_SLIDE if solver.model.units[solver.model.joint_names[joint]] == "m" else PROBE_TURN
+    step = PROBE_SLIDE if solver.model.prismatic[joint] else PROBE_TURN
     if solver.model.continuous[joint]:
         count = round(2.0 * np.pi / step)
         steps = np.arange(count) - count // 2

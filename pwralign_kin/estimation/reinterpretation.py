@@ -107,7 +107,7 @@ class _Reader:
                 continue
             # The largest part holds still: the turned one may be small and a little out of place.
             held = anchor if anchor in chosen else part
-            at_origin = self.search.part_placements(Candidates(np.eye(4)[None], read[None], np.zeros(1, np.float32)))
+            at_origin = self.search.part_placements(Candidates.single(np.eye(4), read))
             bases.append(self.ways[held][0][chosen[held]] @ inverse(at_origin[0, held]))
             values.append(read)
             turned.append(part)

@@ -247,7 +247,7 @@ def _with_base_covariance(estimate: Estimate, fit: Fit, solution: Solution, base
     With the base held, its doubt passes to the joints as they follow it: dq/dbase = -H_qq^-1 H_qb.
     """
     names = list(estimate.state.joints)
-    unit = np.r_[np.ones(3), np.full(3, _observation(fit).diagonal), fit.solver.unit]
+    unit = np.r_[np.ones(3), np.full(3, _observation(fit).diagonal), fit.solver.model.joint_scales]
     open_ = np.array([name not in estimate.undetermined for name in names], bool) & ~fit.solver.locked
     H = solution.problem.H + solution.problem.prior.H / solution.problem.evidence
     follows = np.zeros((6 + len(names), 6))
@@ -281,7 +281,7 @@ class SharedLeastSquares:
     def __init__(self, solvers: Sequence[JointLeastSquares]) -> None:
         """Take the problem of each scan; what they know of the base is counted once, as the first has it."""
         self.solvers = solvers
-        self.joints = len(solvers[0].unit)
+        self.joints = len(solvers[0].model.joint_names)
         points = np.array([len(solver.search.observation.given) for solver in solvers], float)
         self.shares = points / points.mean()
 
@@ -357,7 +357,7 @@ class SharedLeastSquares:
         """
         total = np.zeros((6, 6))
         for i, (solver, base, value, problem) in enumerate(zip(self.solvers, bases, values, problems, strict=True)):
-            final = Candidates(base[None], value[None], np.zeros(1, np.float32))
+            final = Candidates.single(base, value)
             absent = ~solver.search.exists
             errors = observed_errors(solver.search, final, problem)
             H = inverse_covariance(problem, absent, errors, solver.upper - solver.lower)

@@ -304,6 +304,12 @@ class TreeSearch:
         total, _, support = self._score(candidates)
         return Candidates(candidates.bases, candidates.values, total), support
 
+    def seen_shares(self, candidates: Candidates) -> Float:
+        """Return per part (m, parts) the share of its surface that should be seen and is."""
+        support = self.scored(candidates)[1]
+        # Single views score only what is missing.
+        return np.asarray(np.clip(1 + support if self.observation.single_view else support, 0, 1), np.float32)
+
     def scored_both_ways(self, candidates: Candidates, tight: float) -> tuple[Float, Float]:
         """Return the sum of coarse and tight score of each candidate, and that of the shares that it explains."""
         points = int(self.searched.sum())

@@ -173,6 +173,16 @@ class ArticulatedModel:
         )
 
     @cached_property
+    def prismatic(self) -> NDArray[np.bool_]:
+        """Which actuated joints (k,) slide."""
+        return np.array([self.units[name] == "m" for name in self.joint_names], bool)
+
+    @cached_property
+    def joint_scales(self) -> Array:
+        """What joint values (k,) are divided by to compare them: the diagonal (m) of joints that slide, else 1 rad."""
+        return np.where(self.prismatic, self.diagonal, 1.0)
+
+    @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
         """The outer-visible surface of every part, from the user's cache where it was prepared before."""
         return prepare_surfaces(self)

@@ -138,10 +138,8 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernel
         np.zeros(count, np.int32),
         np.zeros(count, np.uint8),
     )
-    lower, upper, wraps = model.lower.copy(), model.upper.copy(), model.continuous.astype(np.uint8)
-    slide = np.array([model.units[name] == "m" for name in model.joint_names], bool)
-    lower[slide] /= diagonal
-    upper[slide] /= diagonal
+    lower, upper = model.lower / model.joint_scales, model.upper / model.joint_scales
+    wraps = model.continuous.astype(np.uint8)
     for i, part in enumerate(model.parts):
         joint = part.joint
         if joint is None:
@@ -152,7 +150,7 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernel
         axis[i] = joint.axis
         # value = multiplier * u + offset, each side in its own unit: metres become diagonals
         output = diagonal if prismatic[i] else 1.0
-        multiplier[i] = joint.multiplier * (diagonal if slide[joint.actuated] else 1.0) / output
+        multiplier[i] = joint.multiplier * model.joint_scales[joint.actuated] / output
         offset[i] = joint.offset / output
     native = kernels.Articulated(parent, actuated, placement, axis, prismatic, multiplier, offset, lower, upper, wraps)
     for i, (surface, weight) in enumerate(zip(surfaces, part_weights(surfaces), strict=True)):

@@ -80,8 +80,7 @@ def smooth_motion(model: ArticulatedModel, frames: int, motion: Motion, seed: in
     times = np.arange(frames) / motion.rate
     start = random_state(model, seed)
     middle, half = (model.lower + model.upper) / 2.0, _MIDDLE * (model.upper - model.lower) / 2.0
-    slides = np.array([model.units[name] == "m" for name in model.joint_names], bool)
-    speeds = motion.joint_speed * np.where(slides, model.diagonal / 5.0, 1.0)
+    speeds = motion.joint_speed * np.where(model.prismatic, model.diagonal / 5.0, 1.0)
     swings = np.stack([_waves(times, speed, most, rng) for speed, most in zip(speeds, half, strict=True)], axis=-1)
     # The start is drawn where the swings leave room, so that the limits are kept.
     room = half - np.abs(swings).max(axis=0)

@@ -92,7 +92,7 @@ class Tracker:
         for name in self.options.estimator.locked:
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
-        self._unit = np.array([model.diagonal if model.units[name] == "m" else 1.0 for name in model.joint_names])
+        self._unit = model.joint_scales
         self._turns = np.where(model.continuous, model.upper - model.lower, np.inf)
         self._initial = initial
         if initial is not None:

@@ -1,0 +1,134 @@
+"""The estimate as its user gets it: from the search's units to those of the scan and the URDF."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.answer_search import total_coverage
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.confidence import confidence, gathered
+from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.observability import Doubt
+from pwralign_kin.estimation.observation import Observation
+from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import Array
+from pwralign_kin.state import State
+
+EQUAL = 0.01
+"""Score within which the scan cannot tell two answers apart."""
+EQUAL_POINTS = 600
+"""Scan points that answers made from the model's symmetry are refined with."""
+
+
+def reported(
+    scan: Scan,
+    solver: JointLeastSquares,
+    solution: Solution,
+    doubt: Doubt,
+    finished: Candidates,
+    equal: Candidates,
+    options: EstimatorOptions,
+    watch: Stopwatch,
+) -> Estimate:
+    """Return the estimate that a `solution` makes, beside the answers that the search `finished` with (best first) and
+    those that the model's symmetry makes `equal` to it."""
+    model, search = solver.model, solver.search
+    observation, final = search.observation, solution.configuration
+    seen = search.seen_shares(final)[0]
+    with watch.stage("confidence"):
+        evidence = gathered(search, final, finished)
+    with watch.stage("equal answers"):
+        others = _others(search, final, finished, equal)
+    state = _state(model, observation, solution.base, solution.values)
+    T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
+    labels, distances = _labels(scan, search, observation.to_search(T_scan_parts))
+    explained = labels >= 0
+    names, scales = model.joint_names, model.joint_scales
+    variances = np.diag(doubt.covariance)[6:] * scales**2
+    prior_std = np.array([options.prior_std.get(name, np.inf) for name in names])
+    std = np.where(doubt.undetermined, prior_std, np.sqrt(variances))
+    twist_scales = np.concatenate([np.ones(3), np.full(3, model.diagonal), scales])
+    return Estimate(
+        state=state,
+        cost=-float(finished.scores[0]),
+        confidence=confidence(evidence),
+        evidence=evidence,
+        inlier_rmse=_rms(distances[explained]),
+        scan_coverage=float(explained.mean()),
+        model_support=float(seen @ (search.weights * search.exists)),
+        parts={
+            part.name: PartEstimate(
+                T_scan_part=T_scan_parts[i],
+                residual=_rms(distances[labels == i]),
+                points=int((labels == i).sum()),
+                support=float(seen[i]) if search.exists[i] else float("nan"),
+            )
+            for i, part in enumerate(model.parts)
+        },
+        scan_labels=_per_input(labels, scan),
+        undetermined=tuple(name for name, is_so in zip(names, doubt.undetermined, strict=True) if is_so),
+        std=dict(zip(names, std.tolist(), strict=True)),
+        covariance=doubt.covariance * np.outer(twist_scales, twist_scales),
+        alternatives=tuple(
+            Alternative(
+                _state(model, observation, base, values),
+                -float(score),
+                bool(finished.scores[0] - score < EQUAL),
+            )
+            for base, values, score in zip(others.bases, others.values, others.scores, strict=True)
+        ),
+        converged=solution.converged,
+        iterations=solution.iterations,
+        timings=dict(watch.seconds),
+        options=asdict(options),
+        units={name: model.units[name] for name in names},
+    )
+
+
+def _others(search: TreeSearch, final: Candidates, finished: Candidates, made: Candidates) -> Candidates:
+    """Return what the search found besides the answer, and what the model's symmetry `made` of it, best first."""
+    if len(made):
+        # Parts only nearly look alike, so that a little refinement may help, or not.
+        refined = search.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
+        made = Candidates.concatenate([made, refined])
+        # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
+        covered = total_coverage(search, Candidates.concatenate([final, made]))
+        made = Candidates(made.bases, made.values, finished.scores[0] - (covered[0] - covered[1:]))
+    answer = Candidates(final.bases, final.values, np.full(1, np.inf, np.float32))
+    several = Candidates.concatenate([answer, finished.take(slice(1, None)), made])
+    return search.distinct(several, len(several), search.options.distinct).take(slice(1, None))
+
+
+def _state(model: ArticulatedModel, observation: Observation, base: Array, values: Array) -> State:
+    joints = np.clip(values * model.joint_scales, model.lower, model.upper)
+    return State(
+        T_scan_base=observation.to_scan(base),
+        joints=dict(zip(model.joint_names, joints.tolist(), strict=True)),
+        base_link=model.root_link,
+    )
+
+
+def _labels(scan: Scan, search: TreeSearch, placements: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return per kept scan point the part it lies on (-1: none) and its distance (m)."""
+    observation = search.observation
+    distance, part = search.assigned(observation.scaled(scan.points), placements, search.exists, search.reach)
+    return np.asarray(part, np.int64), distance.astype(float) * observation.diagonal
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+def _per_input(labels: NDArray[np.int64], scan: Scan) -> NDArray[np.int64]:
+    """Spread labels of kept points to all points given; dropped points are nobody's."""
+    out = np.full(scan.n_input, -1, np.int64)
+    out[scan.source_index] = labels
+    return out
