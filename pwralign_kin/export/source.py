@@ -14,7 +14,8 @@ def source_tree(model: ArticulatedModel) -> Element:
     """Return the root element of the model's URDF with its comments; for a xacro, of what it expands to."""
     from lxml import etree
 
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, strip_cdata=False)
+    # Undeclared prefixes were forgiven when the model was read, and nothing else was.
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, strip_cdata=False, recover=True)
     return etree.fromstring(model.source, parser)
 
 

@@ -8,8 +8,10 @@ actuated joint.
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +41,9 @@ SLIDE_REACH = 1.0
 
 LARGEST_NUMBER = 1e9
 """No length, angle or factor of a real model is larger; limits beyond it mean "unlimited"."""
+
+DECLARED_WITHIN = 4096
+"""Bytes at the start of a file in which its XML declaration is looked for."""
 
 LONGEST_SLIDE = 10.0
 """Prismatic limits beyond so many model diagonals mean "unlimited" and are cut to `FREE_REACH`."""
@@ -186,8 +191,11 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryK
     none is. Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro
     extra.
     """
-    source = _source(path, package_dirs)
-    return dataclasses.replace(_Reader(geometry).read(_parse_xml(source, path), path), source=source)
+    written = _source(path, package_dirs)
+    source = _well_declared(written)
+    description = _Reader(geometry).read(_parse_xml(source, path), path)
+    mended = () if source == written else ("its XML declaration is malformed: read as XML 1.0",)
+    return dataclasses.replace(description, source=source, warnings=(*mended, *description.warnings))
 
 
 def _source(path: Path, package_dirs: Sequence[Path]) -> bytes:
@@ -230,6 +238,19 @@ def _folders(folder: Path) -> list[Path]:
         return sorted(entry for entry in folder.iterdir() if entry.is_dir())
     except OSError:
         return []
+
+
+def _well_declared(source: bytes) -> bytes:
+    """The source with its XML declaration at the start and of version 1.0, which readers of URDFs do not insist on."""
+    declaration = re.search(rb"<\?xml\s([^>]*)\?>", source[:DECLARED_WITHIN])
+    if declaration is None:
+        return source
+    before = source[: declaration.start()].removeprefix(codecs.BOM_UTF8)
+    if not before and re.search(rb"version\s*=\s*[\"']1\.\d[\"']", declaration[1]):
+        return source
+    encoding = re.search(rb"encoding\s*=\s*[\"']([\w.-]+)[\"']", declaration[1])
+    start = b'<?xml version="1.0" encoding="%s"?>' % (encoding[1] if encoding else b"utf-8")
+    return start + before.lstrip() + source[declaration.end() :]
 
 
 def _parse_xml(source: bytes, path: Path) -> Element:

@@ -127,6 +127,14 @@ def test_bot_is_placed_without_joint_gaps(bot: ArticulatedModel, bot_state: Stat
     assert_placed(bot, bot_state, tmp_path)
 
 
+def test_what_was_forgiven_on_reading_is_forgiven_on_writing(tmp_path: Path) -> None:
+    body = link("a"), link("b"), joint("j", "a", "b")
+    (tmp_path / "robot.urdf").write_text(robot(*body, "<sim:plugin/>", head='<?xml version="0.0" ?><robot name="r">'))
+    model = read_quickly(tmp_path / "robot.urdf")
+    path = written(model, State(np.eye(4), {"j": 0.5}), tmp_path / "out")
+    assert set(by_pinocchio(path, {"j": 0.5})) == {"world", "a", "b"}
+
+
 @pytest.mark.parametrize("name", ["panda_description/urdf/panda.urdf", "xarm_description/urdf/xarm7.urdf"])
 def test_real_robots_are_placed_without_joint_gaps(robot_folder: Path, name: str, tmp_path: Path) -> None:
     model = read_quickly(robot_folder / name)

@@ -115,6 +115,24 @@ def test_undeclared_prefixes_are_forgiven(read: Read) -> None:
     assert read(chain(LIMIT) + "<controller:plugin name='x'/>").joint_names == ("j1",)
 
 
+@pytest.mark.parametrize(
+    "head",
+    [
+        '<?xml version="0.0" ?>',
+        '\n<!-- made by hand -->\n<?xml version="1.0"?>',
+        "\n<?xml version='2.0' encoding='utf-8'?>",
+    ],
+)
+def test_malformed_declarations_are_mended(write_urdf: Callable[..., Path], head: str) -> None:
+    model = ArticulatedModel.from_urdf(write_urdf(chain(LIMIT), head=f'{head}<robot name="bot">'))
+    assert model.joint_names == ("j1",) and "XML declaration" in the_warning(model)
+
+
+@pytest.mark.parametrize("head", ["<?xml version='1.0'?>", "\ufeff<?xml version=\"1.0\" encoding='UTF-8'?>", ""])
+def test_sound_declarations_are_left_alone(write_urdf: Callable[..., Path], head: str) -> None:
+    assert ArticulatedModel.from_urdf(write_urdf(chain(LIMIT), head=f'{head}<robot name="bot">')).warnings == ()
+
+
 def test_neutral_is_zero_clamped(read: Read) -> None:
     model = read(chain('<limit lower="0.5" upper="1" effort="1" velocity="1"/>', LIMIT))
     assert model.neutral() == {"j1": 0.5, "j2": 0.0}
