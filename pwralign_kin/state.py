@@ -37,8 +37,12 @@ class State:
         T = checked_placement(self.T_scan_base, "T_scan_base")
         T.flags.writeable = False
         object.__setattr__(self, "T_scan_base", T)
+        if not isinstance(self.base_link, str | None):
+            raise StateError(f"base_link must be the name of a link or None, not {self.base_link!r}")
+        if not isinstance(self.joints, Mapping):
+            raise StateError(f"joints must map names to values, got {type(self.joints).__name__}")
         joints: dict[str, float] = {}
-        for name, value in dict(self.joints).items():
+        for name, value in self.joints.items():
             try:
                 joints[str(name)] = float(value)
             except (TypeError, ValueError):
@@ -60,11 +64,8 @@ class State:
         """Read the content of a `state.json`; raises `StateError` naming `source` and what is wrong."""
         if not isinstance(content, dict) or "T_scan_base" not in content:
             raise StateError(f"{source}: expected an object with base_link, T_scan_base and joints")
-        joints = content.get("joints", {})
-        if not isinstance(joints, dict):
-            raise StateError(f"{source}: joints must be an object of name: value, got {type(joints).__name__}")
         try:
-            return cls(T_scan_base=content["T_scan_base"], joints=joints, base_link=content.get("base_link"))
+            return cls(content["T_scan_base"], content.get("joints", {}), content.get("base_link"))
         except StateError as error:
             raise StateError(f"{source}: {error}") from None
 

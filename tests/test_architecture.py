@@ -16,7 +16,7 @@ LEVELS = (
     {"model", "scan"},
     {"estimation", "simulation", "render"},
     {"baselines", "tracking", "export"},
-    {"viewer", "batch", "benchmark"},
+    {"benchmark"},
     {"cli"},
 )
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

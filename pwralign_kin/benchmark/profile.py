@@ -40,7 +40,7 @@ def measure(cases: Cases, threads: int, progress: Progress) -> list[Timed]:
     for ruler, case in cases:
         if not measured:
             estimate(ruler.model, case.scan, case.guess, options=options)
-        with _timed_kernels() as calls:
+        with timed_kernels() as calls:
             start = time.perf_counter()
             found = estimate(ruler.model, case.scan, case.guess, options=options)
             seconds = time.perf_counter() - start
@@ -102,8 +102,8 @@ def _kernel_table(measured: Sequence[Timed]) -> str:
 
 
 @contextmanager
-def _timed_kernels() -> Iterator[dict[str, list[float]]]:
-    """Within the block, the time (s) of every call of a kernel is noted by the kernel's name."""
+def timed_kernels() -> Iterator[dict[str, list[float]]]:
+    """Note, within the block, the time (s) of every call of a kernel by the kernel's name."""
     calls: dict[str, list[float]] = {}
     places: list[tuple[Any, str]] = [(kernels, name) for name in kernels.__all__ if name[0].islower()]
     places += [(kernels, "ScanField")]

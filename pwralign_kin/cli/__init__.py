@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pwralign_kin import dependencies
 from pwralign_kin.cli import messages
-from pwralign_kin.cli.codes import BAD_INPUT, INTERRUPTED, OK, USAGE, UsageError
+from pwralign_kin.cli.codes import BAD_INPUT, DEFECT, INTERRUPTED, OK, USAGE, UsageError
 from pwralign_kin.exceptions import PwralignError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return OK
         except Exception as error:
-            return messages.complain(_unexpected(error), BAD_INPUT)
+            return _unexpected(error)
     return OK if code is None else int(code)
 
 
@@ -58,7 +58,7 @@ def _app() -> App:
     app = App(
         name="pwralign",
         help="A URDF and a scan in; the model's base placement and every joint value out.",
-        help_epilogue="Exit codes: 0 ok, 1 bad input, 2 usage, 3 ran but with low confidence.",
+        help_epilogue="Exit codes: 0 ok, 1 bad input, 2 usage, 3 low confidence, 70 a defect, 130 interrupted.",
         help_format="plaintext",
         suppress_keyboard_interrupt=False,
         version=_version,
@@ -74,10 +74,10 @@ def _version() -> str:
     return version("pwralign-kin")
 
 
-def _unexpected(error: Exception) -> str:
-    """Return the line for an error that nobody raised on purpose: a library does not load, or a defect."""
+def _unexpected(error: Exception) -> int:
+    """Complain of an error that nobody raised on purpose: a library does not load, or a defect."""
     if isinstance(error, ImportError | OSError):
         problem = dependencies.explained(error)
         if problem is not None:
-            return str(problem)
-    return f"unexpected {type(error).__name__}: {error} ({messages.crash_report(error)})"
+            return messages.complain(str(problem), BAD_INPUT)
+    return messages.complain(f"unexpected {type(error).__name__}: {error} ({messages.crash_report(error)})", DEFECT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,6 +15,7 @@ from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.exceptions import ExportError
 
 if TYPE_CHECKING:
+    from pwralign_kin.model import ArticulatedModel
     from pwralign_kin.scan import Scan
     from pwralign_kin.se3 import Array
 
@@ -29,6 +30,11 @@ PackageDirs = Annotated[
 
 GeometryChoice = Annotated[
     Literal["visual", "collision"], Parameter(help="Which elements of the URDF give the links their shape.")
+]
+
+MeshUnitsChoice = Annotated[
+    Literal["ignore", "apply"],
+    Parameter(help="Whether the unit that a DAE mesh names scales it; most readers ignore it."),
 ]
 
 Units = Annotated[
@@ -147,6 +153,18 @@ def in_metres(scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float) ->
 
     metres = check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)
     return metres, 1.0 if metres is scan else 1e-3
+
+
+def read_model(
+    urdf: Path,
+    package_dirs: Sequence[Path] | None,
+    geometry: Literal["visual", "collision"],
+    mesh_units: Literal["ignore", "apply"],
+) -> ArticulatedModel:
+    """Return the model as the options that all verbs share ask for it."""
+    from pwralign_kin.model import ArticulatedModel
+
+    return ArticulatedModel.from_urdf(urdf, package_dirs=package_dirs or (), geometry=geometry, mesh_units=mesh_units)
 
 
 def scaled(values: tuple[float, ...] | None, unit: float) -> Any:

@@ -9,7 +9,17 @@ from cyclopts import Parameter
 
 from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import AsJson, GeometryChoice, PackageDirs, Seed, Threads, Triple, Units, Urdf
+from pwralign_kin.cli.arguments import (
+    AsJson,
+    GeometryChoice,
+    MeshUnitsChoice,
+    PackageDirs,
+    Seed,
+    Threads,
+    Triple,
+    Units,
+    Urdf,
+)
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
 
 if TYPE_CHECKING:
@@ -32,6 +42,7 @@ def calibrate(
     json: AsJson = False,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
+    mesh_units: MeshUnitsChoice = "ignore",
     threads: Threads = 0,
 ) -> int:
     """Find where a robot stands in a sensor's frame, from scans with known joint values.
@@ -46,13 +57,12 @@ def calibrate(
     with messages.progress() as show:
         from pwralign_kin.estimation import BasePrior, EstimatorOptions
         from pwralign_kin.estimation import calibrate as calibrated
-        from pwralign_kin.model import ArticulatedModel
 
         show("reading the scans")
         scans = [arguments.read_scan(scan, sensor_origin) for scan, _ in paths]
         joints = [arguments.read_joints(values) for _, values in paths]
         show("reading the model")
-        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
         scans = [arguments.in_metres(scan, units, model.diagonal)[0] for scan in scans]
         options = EstimatorOptions(seed=seed, threads=threads, base=BasePrior(up=gravity))
         result = calibrated(model, scans, joints, options, progress=show)

@@ -6,6 +6,8 @@ OK = 0
 BAD_INPUT = 1
 USAGE = 2
 LOW_CONFIDENCE = 3
+DEFECT = 70
+"""Something that should not happen: EX_SOFTWARE of sysexits.h."""
 INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 

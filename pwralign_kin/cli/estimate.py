@@ -17,6 +17,7 @@ from pwralign_kin.cli.arguments import (
     GeometryChoice,
     Gravity,
     Joints,
+    MeshUnitsChoice,
     PackageDirs,
     Pose,
     ScanPath,
@@ -92,6 +93,7 @@ def estimate(
     json: AsJson = False,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
+    mesh_units: MeshUnitsChoice = "ignore",
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
     ] = "z",
@@ -110,18 +112,20 @@ def estimate(
     if out is not None:
         arguments.check_folder(out)
     with messages.progress() as show:
+        from pwralign_kin import files
         from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions, SearchOptions
         from pwralign_kin.estimation import estimate as estimated
         from pwralign_kin.export import export
-        from pwralign_kin.model import ArticulatedModel
 
         show("reading the scan")
         read = [arguments.read_scan(path, sensor_origin, crop) for path in (scan, *more)]
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
-        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
         converted = [arguments.in_metres(points, units, model.diagonal) for points in read]
         scans, unit = [points for points, _ in converted], converted[0][1]
+        if (near or region) and any(own != unit for _, own in converted):
+            raise UsageError("--near and --region have no unit where those of the scans differ: give --units.")
         known = BasePrior(
             T_scan_base=None if base is None or base_std is None else arguments.placement(base),
             translation_std=base_std[0] if base_std else 0.0,
@@ -129,6 +133,7 @@ def estimate(
             up=gravity,
             region=None if base_region is None else (base_region[:3], base_region[3:]),
         )
+        box = arguments.scaled(region, unit)
         options = EstimatorOptions(
             seed=seed,
             effort=effort,
@@ -138,7 +143,7 @@ def estimate(
             base=known,
             search=SearchOptions(solid=solid),
             near=arguments.scaled(near, unit),
-            region=arguments.scaled(region, unit),
+            region=None if box is None else (box[:3], box[3:]),
         )
         result: Estimate | SharedBaseEstimate
         if more:
@@ -151,6 +156,9 @@ def estimate(
         written = []
         for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
             written += [] if place is None else export(one, model, points, place, up=up)
+        if out is not None and more:
+            files.write_text(out / "shared.json", _as_json(result) + "\n")
+            written.append(out / "shared.json")
     _print(result, written, json)
     if result.confidence >= ENOUGH_CONFIDENCE:
         return OK
@@ -179,11 +187,15 @@ def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float])
     return State(given.T_scan_base, {**given.joints, **values}, given.base_link)
 
 
+def _as_json(result: Estimate | SharedBaseEstimate) -> str:
+    from json import dumps
+
+    return dumps(result.to_dict(), indent=2, allow_nan=False)
+
+
 def _print(result: Estimate | SharedBaseEstimate, written: list[Path], as_json: bool) -> None:
     if as_json:
-        from json import dumps
-
-        print(dumps(result.to_dict(), indent=2, allow_nan=False))
+        print(_as_json(result))
         return
     print(result)
     for path in written:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, PackageDirs, ScanPath, Urdf
+from pwralign_kin.cli.arguments import GeometryChoice, MeshUnitsChoice, PackageDirs, ScanPath, Urdf
 from pwralign_kin.cli.table import table
 from pwralign_kin.exceptions import MissingMeshError, UnitError
 
@@ -23,14 +23,13 @@ def inspect(
     *,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
+    mesh_units: MeshUnitsChoice = "ignore",
 ) -> None:
     """Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds."""
-    from pwralign_kin.model import ArticulatedModel
-
     with messages.progress() as show:
         show("reading the model")
         try:
-            model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+            model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
         except MissingMeshError as error:
             print(_missing(error))
             raise

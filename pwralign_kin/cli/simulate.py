@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, Joints, PackageDirs, Seed, Urdf
+from pwralign_kin.cli.arguments import GeometryChoice, Joints, MeshUnitsChoice, PackageDirs, Seed, Urdf
 from pwralign_kin.cli.codes import UsageError
 
 
@@ -48,6 +48,7 @@ def simulate(
     seed: Seed = 0,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
+    mesh_units: MeshUnitsChoice = "ignore",
 ) -> None:
     """Scan a model in software, alone or in a room: points with the truth beside them.
 
@@ -74,7 +75,6 @@ def simulate(
         raise UsageError("what stands around the model needs --scene.")
     arguments.check_folder(out)
     with messages.progress() as show:
-        from pwralign_kin.model import ArticulatedModel
         from pwralign_kin.simulation import TIERS, Room, random_state, simulate_scene
         from pwralign_kin.simulation.simulator import simulate as scanned
         from pwralign_kin.state import State
@@ -83,7 +83,7 @@ def simulate(
         sensor = dataclasses.replace(TIERS[tier or "full"], **_given(**seen, noise=noise))
         given_pose = None if state is None else State.load(state)
         show("reading the model")
-        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
         show("scanning")
         pose = given_pose or random_state(model, seed)
         pose = State(pose.T_scan_base, {**pose.joints, **values}, pose.base_link)

@@ -10,7 +10,18 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import AsJson, GeometryChoice, Joints, PackageDirs, Pose, Seed, Threads, Triple, Urdf
+from pwralign_kin.cli.arguments import (
+    AsJson,
+    GeometryChoice,
+    Joints,
+    MeshUnitsChoice,
+    PackageDirs,
+    Pose,
+    Seed,
+    Threads,
+    Triple,
+    Urdf,
+)
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
 
 if TYPE_CHECKING:
@@ -60,6 +71,7 @@ def track(
     json: AsJson = False,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
+    mesh_units: MeshUnitsChoice = "ignore",
     threads: Threads = 0,
 ) -> int:
     """Follow a model through a stream of frames: base placement and joint values of each.
@@ -79,7 +91,6 @@ def track(
         from pwralign_kin import dependencies
         from pwralign_kin.estimation import EstimatorOptions
         from pwralign_kin.export.tracks import TrackPoint, export_track
-        from pwralign_kin.model import ArticulatedModel
         from pwralign_kin.scan import FrameOptions, Scan, read_frames
         from pwralign_kin.state import State
         from pwralign_kin.tracking import Tracker, TrackerOptions
@@ -101,18 +112,21 @@ def track(
             ),
         )
         show("reading the model")
-        model = ArticulatedModel.from_urdf(urdf, package_dirs=package_dir or (), geometry=geometry)
+        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
         estimator = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
         tracker = Tracker(model, TrackerOptions(estimator=estimator, time_limit=time_limit), start)
         tracked: list[TrackedFrame] = []
-        for time, frame in stream:
-            show(f"frame {len(tracked) + 1}")
-            metres = arguments.in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
-            tracked.append(tracker.update(metres, time))
-        written = []
-        if out is not None:
-            points = [TrackPoint(own.time, own.state, own.lost, own.to_dict()) for own in tracked]
-            written = export_track(points, model, out, mcap=mcap)
+        written: list[Path] = []
+        try:
+            for time, frame in stream:
+                show(f"frame {len(tracked) + 1}")
+                metres = arguments.in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
+                tracked.append(tracker.update(metres, time))
+        finally:
+            # A bad frame, or who has seen enough, does not take away what was tracked before.
+            if out is not None and tracked:
+                points = [TrackPoint(own.time, own.state, own.lost, own.to_dict()) for own in tracked]
+                written = export_track(points, model, out, mcap=mcap)
     _print(tracked, written, json)
     confidence = float(np.median([own.confidence for own in tracked])) if tracked else 0.0
     if confidence >= ENOUGH_CONFIDENCE:

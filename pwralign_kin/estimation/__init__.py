@@ -1,7 +1,7 @@
 """From model and scan to `Estimate`."""
 
 from pwralign_kin.estimation.confidence import Evidence
-from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher, Matcher
+from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher
 from pwralign_kin.estimation.entry import calibrate, estimate
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import BasePrior
@@ -17,7 +17,6 @@ __all__ = [
     "EstimatorOptions",
     "Evidence",
     "FpfhMatcher",
-    "Matcher",
     "PartEstimate",
     "SearchOptions",
     "SharedBaseEstimate",

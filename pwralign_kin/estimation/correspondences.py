@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.observation import Observation
-from pwralign_kin.exceptions import CorrespondenceError
+from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.scan.readers import member, numpy_content
 from pwralign_kin.se3 import Array, inverse, transform
 
 Float = NDArray[np.float32]
@@ -43,7 +43,7 @@ class Correspondences:
             if not np.isfinite(value).all():
                 raise CorrespondenceError("correspondences", f"{name} holds values that are not finite")
             object.__setattr__(self, name, value)
-        count = len(self.source)
+        count = self.weight.size
         if self.source.shape != (count, 3) or self.target.shape != (count, 3) or self.weight.shape != (count,):
             raise CorrespondenceError(
                 "correspondences",
@@ -62,26 +62,18 @@ class Correspondences:
         Raises `CorrespondenceError` naming the file and what is wrong.
         """
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                missing = {"source", "target"} - set(arrays.files)
-                if missing:
-                    raise CorrespondenceError(path, f"no array named {' or '.join(sorted(missing))}")
-                weight = arrays["weight"] if "weight" in arrays.files else np.ones(len(arrays["source"]))
-                return cls(arrays["source"], arrays["target"], weight)
-        except CorrespondenceError as error:
-            raise CorrespondenceError(path, error.fault) from None
+            archive = numpy_content(Path(path).read_bytes(), Path(path), b"PK")
+            missing = {"source", "target"} - set(archive.files)
+            if missing:
+                raise CorrespondenceError(path, f"no array named {' or '.join(sorted(missing))}")
+            names = {"source", "target", "weight"} & set(archive.files)
+            arrays = {name: member(archive, name, Path(path)) for name in names}
+            arrays.setdefault("weight", np.ones(arrays["source"].shape[:1]))
+            return cls(**arrays)
         except OSError as error:
             raise CorrespondenceError(path, f"cannot read: {error.strerror or error}") from None
-        except (ValueError, EOFError, KeyError, AttributeError) as error:
-            raise CorrespondenceError(path, f"not an NPZ file of numbers: {error}") from None
-
-
-class Matcher(Protocol):
-    """Anything that finds correspondences: features, a learned network, a person with a mouse."""
-
-    def match(self, model: ArticulatedModel, observation: Observation, parts: Sequence[int]) -> Correspondences:
-        """Return correspondences of the given parts; their joint values are unknown, so features must be local."""
-        ...
+        except (CorrespondenceError, ScanError) as error:
+            raise CorrespondenceError(path, error.fault) from None
 
 
 @dataclass(frozen=True)

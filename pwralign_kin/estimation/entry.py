@@ -55,9 +55,16 @@ def estimate(
     model nor scan or nothing at all was given to make hypotheses from.
     """
     options = options or EstimatorOptions()
+    several = [scan] if isinstance(scan, Scan) else scan
+    if not isinstance(several, Sequence) or not all(isinstance(one, Scan) for one in several):
+        got = type(scan).__name__
+        raise StateError(f"expected a Scan or a sequence of them, got {got}; of points (n, 3) in m make Scan(points)")
     if isinstance(scan, Scan):
         if not isinstance(initial, State | None) or not isinstance(correspondences, Correspondences | None):
-            raise StateError("one scan takes one guess and one set of correspondences, not several")
+            raise StateError(
+                "one scan takes one guess (a State) and one set of Correspondences, got "
+                f"{type(initial).__name__} and {type(correspondences).__name__}"
+            )
         return Estimator(model, options, progress).run(scan, initial, correspondences)
     if isinstance(correspondences, Correspondences):
         raise StateError("several scans take one set of correspondences each")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pwralign_kin.estimation.answer_search import EFFORTS, AnswerSearch
+from pwralign_kin.estimation.answer_search import AnswerSearch
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
@@ -54,8 +54,6 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
-        if options.effort not in EFFORTS:
-            raise UnknownNameError("effort", options.effort, tuple(EFFORTS))
         for name in (*options.locked, *options.prior, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
@@ -125,7 +123,7 @@ class Estimator:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         if self.options.region is not None:
-            low, high = np.array(self.options.region[:3], float), np.array(self.options.region[3:], float)
+            low, high = np.array(self.options.region)
         if self.options.near is not None:
             low = np.maximum(low, np.array(self.options.near) - self.model.reach)
             high = np.minimum(high, np.array(self.options.near) + self.model.reach)

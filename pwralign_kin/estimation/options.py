@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.observation import ObservationOptions
-from pwralign_kin.estimation.prior import BasePrior
+from pwralign_kin.estimation.prior import BasePrior, Vector, checked_box, checked_numbers
 from pwralign_kin.estimation.reinterpretation import ReinterpretationOptions
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.scene import SceneOptions
 from pwralign_kin.estimation.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
+from pwralign_kin.exceptions import StateError, UnknownNameError
 
 EffortName = Literal["fast", "default", "thorough"]
+
+SOURCES = ("pairs", "faces", "fpfh")
+"""Names of what makes part hypotheses."""
 
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """Options of `pwralign_kin.estimate`. The defaults serve any robot and sensor."""
+    """Options of `pwralign_kin.estimate`. The defaults serve any robot and sensor.
+
+    Raises `StateError` for values out of range and `UnknownNameError` for an effort or a source that there is not.
+    """
 
     seed: int = 0
     """The same seed gives the same answer, bit for bit, at any number of threads."""
@@ -44,10 +51,10 @@ class EstimatorOptions:
     """Where part hypotheses come from: "pairs" (oriented point pairs), "faces" (the edges of flat faces), "fpfh"
     (built-in feature correspondences). Correspondences that are passed to `estimate` count besides; with () they are
     the only source."""
-    region: tuple[float, float, float, float, float, float] | None = None
-    """xmin, ymin, zmin, xmax, ymax, zmax (scan frame, m): a box that the model is in. What is outside still hides and
+    region: tuple[Vector, Vector] | None = None
+    """Least and greatest corner (scan frame, m) of a box that the model is in. What is outside still hides and
     frees space, other than after `Scan.cropped`."""
-    near: tuple[float, float, float] | None = None
+    near: Vector | None = None
     """A point (scan frame, m) on the model or close to its surface."""
     observation: ObservationOptions = field(default_factory=ObservationOptions)
     faces: FaceOptions = field(default_factory=FaceOptions)
@@ -58,3 +65,18 @@ class EstimatorOptions:
     repair: RepairOptions = field(default_factory=RepairOptions)
     reinterpretation: ReinterpretationOptions = field(default_factory=ReinterpretationOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on the model."""
+        if self.seed < 0:
+            raise StateError(f"the seed must not be negative, got {self.seed}")
+        if self.threads < 0:
+            raise StateError(f"threads must be 1 or more, or 0 for one per core, not {self.threads}")
+        for name, valid in (("effort", get_args(EffortName)), ("source", SOURCES)):
+            for value in (self.effort,) if name == "effort" else self.sources:
+                if value not in valid:
+                    raise UnknownNameError(name, value, valid)
+        if self.region is not None:
+            object.__setattr__(self, "region", checked_box(self.region, "region"))
+        if self.near is not None:
+            object.__setattr__(self, "near", tuple(checked_numbers(self.near, "near", (3,)).tolist()))

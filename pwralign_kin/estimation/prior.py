@@ -65,15 +65,12 @@ class BasePrior:
             object.__setattr__(self, "T_scan_base", tuple(map(tuple, T.tolist())))
         for name in ("up", "base_up"):
             if getattr(self, name) is not None:
-                direction = _numbers(getattr(self, name), name, (3,))
+                direction = checked_numbers(getattr(self, name), name, (3,))
                 if np.linalg.norm(direction) < 1e-9:
                     raise StateError(f"{name} must have a length")
                 object.__setattr__(self, name, tuple(direction.tolist()))
         if self.region is not None:
-            low, high = _numbers(self.region, "region", (2, 3))
-            if (low > high).any():
-                raise StateError("region must be a least and a greatest corner, in this order")
-            object.__setattr__(self, "region", (tuple(low.tolist()), tuple(high.tolist())))
+            object.__setattr__(self, "region", checked_box(self.region, "region"))
         stds = {"translation_std": self.translation_std, "rotation_std": self.rotation_std, "up_std": self.up_std}
         for name, std in stds.items():
             if std is not None and not (np.isfinite(std) and std >= 0):
@@ -185,7 +182,16 @@ def placement_in_root(model: ArticulatedModel, link: str | None) -> Array:
     return np.asarray(T_root_base)
 
 
-def _numbers(value: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def checked_box(value: Any, name: str) -> tuple[Vector, Vector]:
+    """Return a least and a greatest corner as plain numbers. Raises `StateError` for anything else."""
+    low, high = checked_numbers(value, name, (2, 3)).tolist()
+    if any(least > most for least, most in zip(low, high, strict=True)):
+        raise StateError(f"{name} must be a least and a greatest corner, in this order, not {value!r}")
+    return tuple(low), tuple(high)
+
+
+def checked_numbers(value: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return `value` as an array of the given shape. Raises `StateError` for anything else."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -78,7 +78,7 @@ class Estimate:
     """Joints that the scan does not tell; they keep their prior value."""
 
     std: Mapping[str, float]
-    """Standard deviation of each joint value, rad or m; infinite where undetermined."""
+    """Standard deviation of each joint value, rad or m; where undetermined the prior's, infinite without one."""
 
     covariance: Array
     """(6 + k, 6 + k) covariance of base twist (rotation, translation; rad and m, scan frame axes, about the base's

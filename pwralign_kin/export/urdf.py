@@ -43,7 +43,7 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
     for element in robot.iter("mesh", "texture"):
         filename = element.get("filename")
         if filename:
-            element.set("filename", _seen_from(folder, filename.strip(), model.urdf_path))
+            element.set("filename", _seen_from(folder, filename.strip(), model))
     # What stands outside the root element (comments, processing instructions) is kept, each on its own line.
     nodes = [*reversed(list(robot.itersiblings(preceding=True))), robot, *robot.itersiblings()]
     lines = [
@@ -116,13 +116,13 @@ def _mend(robot: Element, model: ArticulatedModel) -> None:
                 limit.set(key, value)
 
 
-def _seen_from(folder: Path, filename: str, urdf: Path) -> str:
-    """Return the name by which a file named `filename` in `urdf` is found from a URDF in `folder`."""
+def _seen_from(folder: Path, filename: str, model: ArticulatedModel) -> str:
+    """Return the name by which a file named `filename` in the model's URDF is found from a URDF in `folder`."""
     plain = filename.removeprefix("file://")
     if "://" in plain or Path(plain).is_absolute():
         return filename
-    found, _ = find_mesh(plain, urdf)
-    target = (urdf.parent / plain if found is None else found).resolve()
+    found, _ = find_mesh(plain, model.urdf_path, model.package_dirs)
+    target = (model.urdf_path.parent / plain if found is None else found).resolve()
     try:
         return Path(os.path.relpath(target, folder.resolve())).as_posix()
     except ValueError:  # on another drive

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <exception>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -23,7 +24,12 @@ template <typename Function> void parallel_for(int64_t count, int threads, Funct
         } catch (...) { failures[worker] = std::current_exception(); }
     };
     std::vector<std::thread> pool;
-    for (int64_t w = 1; w < workers; ++w) pool.emplace_back(work, w);
+    pool.reserve(workers - 1);
+    try {
+        for (int64_t w = 1; w < workers; ++w) pool.emplace_back(work, w);
+    } catch (const std::system_error &) {
+        // The system gives no more threads: those that there are do it all.
+    }
     work(0);
     for (auto &thread : pool) thread.join();
     for (auto &failure : failures)

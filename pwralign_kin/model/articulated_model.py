@@ -95,6 +95,9 @@ class ArticulatedModel:
     kinematics: Kinematics = field(repr=False)
     """Pinocchio's model of the URDF."""
 
+    package_dirs: tuple[Path, ...] = field(repr=False)
+    """Folders that were given for the URDF's packages and meshes."""
+
     T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False)
     """By link: the index of its part, and its (4, 4) placement in that part's frame."""
 
@@ -123,18 +126,24 @@ class ArticulatedModel:
             raise ModelError(path, f"geometry must be 'visual' or 'collision', not {geometry!r}")
         if mesh_units not in ("ignore", "apply"):
             raise ModelError(path, f"mesh_units must be 'ignore' or 'apply', not {mesh_units!r}")
-        folders = [Path(folder).absolute() for folder in package_dirs]
+        folders = tuple(Path(folder).absolute() for folder in package_dirs)
         description = read_urdf(path, folders, geometry)
         welds = weld_links(description)
         shapes = read_geometry(description, path, folders, mesh_units)
         diagonal = _diagonal_at_zero(welds, shapes)
-        model = cls._assemble(path, description.with_ranges(diagonal), welds, shapes, diagonal)
+        model = cls._assemble(path, folders, description.with_ranges(diagonal), welds, shapes, diagonal)
         model.kernel_model, model.symmetry, model.reach  # noqa: B018  prepared here, once, so that no estimate pays for it
         return model
 
     @classmethod
     def _assemble(
-        cls, path: Path, description: Description, welds: tuple[Weld, ...], shapes: Geometry, diagonal: float
+        cls,
+        path: Path,
+        package_dirs: tuple[Path, ...],
+        description: Description,
+        welds: tuple[Weld, ...],
+        shapes: Geometry,
+        diagonal: float,
     ) -> ArticulatedModel:
         warnings = [*description.warnings, *shapes.warnings]
         if diagonal > LARGEST:
@@ -165,6 +174,7 @@ class ArticulatedModel:
             content_key=cache.content_key(xml, shapes.key),
             graph=PartGraph(parts),
             kinematics=Kinematics(xml, path, [part.joint for part in parts], len(actuated)),
+            package_dirs=package_dirs,
             T_part_link={
                 link: (index, T)
                 for index, weld in enumerate(welds)

@@ -260,7 +260,7 @@ class _Report:
             names = [name for name, own in self.units.items() if own == unit]
             lines.append(
                 f"{', '.join(names)}: the file's unit is {unit:g} m, which is ignored as most readers do; "
-                'if the model comes out too large or small, use mesh_units="apply"'
+                'if the model comes out too large or small, use mesh_units="apply" / --mesh-units apply'
             )
         return lines
 

@@ -356,7 +356,7 @@ class _Reader:
             if math.hypot(*quaternion) < 1e-9:
                 self.faults.append(f"{where}: quat_xyzw of <origin> is zero")
                 quaternion = (0.0, 0.0, 0.0, 1.0)
-            rpy = _quaternion_to_rpy(quaternion)
+            rpy = se3.roll_pitch_yaw(se3.from_quaternion(np.zeros(3), np.array(quaternion)))
         return Origin(_triple(xyz), _triple(rpy))
 
     # ---- links
@@ -638,16 +638,6 @@ def _chain(joint: Joint, steps: Sequence[tuple[str, str, Array]]) -> list[Joint]
 
 def _virtual_link(joint: str) -> str:
     return f"{joint}.link"
-
-
-def _quaternion_to_rpy(xyzw: Sequence[float]) -> tuple[float, ...]:
-    """Fixed-axis roll, pitch, yaw of a quaternion, with roll 0 where pitch is a right angle."""
-    R = se3.from_quaternion(np.zeros(3), np.array(xyzw))[:3, :3]
-    cosine = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], cosine)
-    if cosine < 1e-9:
-        return (0.0, pitch, math.atan2(-R[0, 1], R[1, 1]))
-    return (math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0]))
 
 
 def _write_shape(element: Element, shape: Shape) -> None:

@@ -30,8 +30,8 @@ class DepthFrame:
     T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
     """(4, 4) placement of the camera (x right, y down, z forward) in the scan frame, m."""
 
-    scale: float = 1.0
-    """m per unit of `depth`; 0.001 for millimetres."""
+    scale: float | None = None
+    """m per unit of `depth`; 0.001 for millimetres. Integers need it, floats are in m without it."""
 
     source: Path | str = "depth image"
     """The file, or a word for the array."""
@@ -43,12 +43,19 @@ class DepthFrame:
             raise ScanError(
                 self.source, f"depth must be a numeric image (h, w), got shape {depth.shape} of {depth.dtype}"
             )
-        if not (np.isfinite(self.scale) and self.scale > 0.0):
+        if self.scale is None and depth.dtype.kind != "f":
+            raise ScanError(self.source, "integer depth needs scale, metres per unit (0.001 for millimetres)")
+        if not (np.isfinite(self.metres) and self.metres > 0.0):
             raise ScanError(self.source, f"the scale of the depth must be positive, got {self.scale}")
         compact = depth.dtype if depth.dtype in (np.uint16, np.float32) else np.dtype(np.float32)
         object.__setattr__(self, "depth", np.ascontiguousarray(depth, compact))
         object.__setattr__(self, "intrinsics", checked_intrinsics(self.intrinsics, str(self.source)))
         object.__setattr__(self, "T_scan_camera", checked_placement(self.T_scan_camera, "T_scan_camera"))
+
+    @property
+    def metres(self) -> float:
+        """What multiplies `depth` to make it metres."""
+        return 1.0 if self.scale is None else self.scale
 
     def to_scan(self) -> Scan:
         """Return the points of all pixels with a return. Raises `ScanError` where there are too few."""

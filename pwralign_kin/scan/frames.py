@@ -24,6 +24,18 @@ TimedFrame = tuple[float, Scan | DepthFrame | Array]
 """A time (s) and what was seen then; a cloud of too few points to make a scan as bare points."""
 
 BAG_SUFFIXES = (".mcap", ".db3")
+_DIMENSIONS = {
+    "depth": (3,),
+    "intrinsics": (1, 2),
+    "depth_scale": (0,),
+    "T_scan_camera": (2,),
+    "time": (1,),
+    "points": (2,),
+    "counts": (1,),
+    "sensor_origin": (1, 2),
+}
+"""Of the arrays of a sequence."""
+
 _SECONDS = re.compile(r"\d+\.\d+")
 
 
@@ -147,6 +159,13 @@ def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
 def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[TimedFrame]:
     """Yield the frames of an .npz."""
     arrays = {name: readers.member(archive, name, path) for name in archive.files}
+    for name, dimensions in _DIMENSIONS.items():
+        array = arrays.get(name)
+        if array is not None and (array.ndim not in dimensions or array.dtype.kind not in "fiu"):
+            wanted = " or ".join(map(str, dimensions))
+            raise ScanError(
+                path, f"{name} must be numbers in {wanted} dimensions, got shape {array.shape} of {array.dtype}"
+            )
     count = len(arrays["depth" if "depth" in arrays else "counts"])
     times = arrays.get("time", np.arange(count) / options.rate)
     if times.shape != (count,) or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
@@ -158,8 +177,6 @@ def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[Timed
 
 def _depths(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[DepthFrame]:
     depth, intrinsics = arrays["depth"], arrays.get("intrinsics", options.intrinsics)
-    if depth.ndim != 3:
-        raise ScanError(path, f"depth must have the shape (f, h, w), got {depth.shape}")
     if intrinsics is None:
         raise ScanError(path, "no array named intrinsics: fx fy cx cy or a 3x3 camera matrix, pixels")
     intrinsics = checked_intrinsics(intrinsics, str(path))
@@ -172,11 +189,13 @@ def _depths(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) 
 
 def _clouds(arrays: dict[str, NDArray[Any]], path: Path, options: FrameOptions) -> Iterator[Scan | Array]:
     counts, points = arrays["counts"], arrays.get("points")
-    if points is None or points.ndim != 2 or counts.ndim != 1 or counts.dtype.kind not in "iu":
+    if points is None or counts.dtype.kind not in "iu":
         raise ScanError(path, "points (n, 3) of all frames and counts (f,) of each are needed")
     if (counts < 0).any() or counts.sum() != len(points):
         raise ScanError(path, f"the counts add up to {counts.sum()}, but there are {len(points)} points")
     origin = arrays.get("sensor_origin", options.sensor_origin)
+    if isinstance(origin, np.ndarray) and origin.ndim == 2 and len(origin) != len(counts):
+        raise ScanError(path, f"sensor_origin has {len(origin)} rows for {len(counts)} frames")
     ends = np.cumsum(counts)
     for index, end in enumerate(ends):
         own = origin[index] if isinstance(origin, np.ndarray) and origin.ndim == 2 else origin

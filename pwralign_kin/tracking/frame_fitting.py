@@ -53,7 +53,7 @@ class FrameFitting:
         self.viewed = len(origin) > 0
         native.expect(self._inward(expected.T)[None], expected.values, self.centre, self.diagonal, origin, margin)
         if isinstance(frame, DepthFrame):
-            native.look_at_depth(frame.depth, frame.intrinsics, frame.scale, frame.T_scan_camera[None])
+            native.look_at_depth(frame.depth, frame.intrinsics, frame.metres, frame.T_scan_camera[None])
         else:
             native.look_at_points(frame.points if isinstance(frame, Scan) else frame)
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation import Estimate, estimate
-from pwralign_kin.exceptions import PwralignError, ScanError, UnknownNameError
+from pwralign_kin.estimation import Estimate
+from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array, rotation_angle
@@ -86,12 +87,10 @@ class Tracker:
     def __init__(
         self, model: ArticulatedModel, options: TrackerOptions | None = None, initial: State | None = None
     ) -> None:
-        """Prepare for the first frame. Raises `UnknownNameError` for joints or links that the model lacks."""
+        """Prepare for the first frame. Raises what `estimate` raises for options and guesses that do not fit."""
         self.model = model
         self.options = options or TrackerOptions()
-        for name in self.options.estimator.locked:
-            if name not in model.joint_names:
-                raise UnknownNameError("joint", name, model.joint_names)
+        self._estimator = Estimator(model, self.options.estimator)
         self._unit = model.joint_scales
         self._turns = np.where(model.continuous, model.upper - model.lower, np.inf)
         self._initial = initial
@@ -306,8 +305,8 @@ class Tracker:
         try:
             scan = frame.to_scan() if isinstance(frame, DepthFrame) else frame
             scan = scan if isinstance(scan, Scan) else Scan(scan)
-            return estimate(self.model, scan, initial=guess, options=self.options.estimator)
-        except PwralignError as error:
+            return self._estimator.run(scan, guess, None)
+        except (ScanError, CorrespondenceError) as error:  # too little is seen
             logger.debug("search: %s", error)
             return None
 

@@ -23,7 +23,7 @@ def test_time_is_split(twins: ArticulatedModel) -> None:
 
 def test_kernels_are_restored_after_a_failure() -> None:
     before = kernels.Search.refine
-    with pytest.raises(RuntimeError), profile._timed_kernels():
+    with pytest.raises(RuntimeError), profile.timed_kernels():
         assert kernels.Search.refine is not before
         raise RuntimeError
     assert kernels.Search.refine is before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -164,6 +165,32 @@ def test_dropped_points_are_counted(arm: Path, scan: Path, tmp_path: Path, pwral
     assert "5 non-finite and 7 duplicate" in outcome.err
 
 
+@pytest.mark.parametrize("content", ["truncated", "array", "scalar"])
+def test_correspondences_that_are_none(
+    content: str, arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    file = tmp_path / "pairs.npz"
+    np.savez(file, source=1.0 if content == "scalar" else POINTS, target=POINTS)
+    if content == "truncated":
+        file.write_bytes(file.read_bytes()[:-200])
+    if content == "array":
+        with file.open("wb") as stream:
+            np.save(stream, POINTS)
+    assert "pairs.npz" in refused(arm, cloud, "--correspondences", file)
+
+
+def test_a_state_whose_base_link_is_no_name(
+    arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    (tmp_path / "s.json").write_text(json.dumps({"T_scan_base": np.eye(4).tolist(), "base_link": ["base"]}))
+    assert "base_link" in refused(arm, cloud, "--initial", tmp_path / "s.json")
+
+
+def test_boxes_and_numbers_out_of_range(arm: Path, cloud: Path, refused: Callable[..., str]) -> None:
+    assert "least and a greatest corner" in refused(arm, cloud, "--region", 1, 0, 0, 0, 1, 1)
+    assert "near" in refused(arm, cloud, "--near", "nan", 0, 0)
+
+
 def test_millimetres_are_told_and_the_option_named(
     arm: Path, scan: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
@@ -173,7 +200,8 @@ def test_millimetres_are_told_and_the_option_named(
 
 def test_a_scan_far_smaller_than_the_model(arm: Path, tmp_path: Path, pwralign: Call) -> None:
     np.save(tmp_path / "x.npy", 1e-3 * POINTS)
-    assert pwralign("estimate", arm, tmp_path / "x.npy").code in (1, 3)
+    outcome = pwralign("estimate", arm, tmp_path / "x.npy")
+    assert outcome.code == 1 and "at its scale" in outcome.error()
 
 
 def test_names_that_do_not_exist(arm: Path, cloud: Path, tmp_path: Path, refused: Callable[..., str]) -> None:

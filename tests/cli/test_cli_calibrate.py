@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import Call
 
-from pwralign_kin import State
+from pwralign_kin import Scan, State
 
 
 @pytest.fixture
@@ -56,9 +56,18 @@ def test_pairs_must_be_pairs(arm: Path, pwralign: Call, pairs: tuple[str, ...]) 
 def test_estimate_takes_several_scans(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     outcome = pwralign("estimate", arm, scan, scan, "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"0_scan", "1_scan"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"0_scan", "1_scan", "shared.json"}
     one, two = (State.load(tmp_path / "out" / name / "state.json") for name in ("0_scan", "1_scan"))
     np.testing.assert_allclose(one.T_scan_base, two.T_scan_base, atol=1e-12)
+    shared = json.loads((tmp_path / "out" / "shared.json").read_text())
+    np.testing.assert_allclose(one.T_scan_base, shared["T_scan_base"], atol=1e-12)
+    assert len(shared["base_covariance"]) == 6 and len(shared["estimates"]) == 2
+
+
+def test_scans_of_different_units_take_no_hint(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
+    np.save(tmp_path / "mm.npy", 1e3 * Scan.load(scan).points)
+    outcome = pwralign("estimate", arm, scan, tmp_path / "mm.npy", "--units", "auto", "--near", 0, 0, 0)
+    assert outcome.code == 2 and "units" in outcome.error()
 
 
 def test_estimate_takes_what_is_known_of_the_base(arm: Path, scan: Path, truth: Path, pwralign: Call) -> None:

@@ -89,7 +89,7 @@ def test_an_unexpected_error_leaves_a_traceback_in_a_file(
 
     monkeypatch.setattr(ArticulatedModel, "from_urdf", broken)
     outcome = pwralign("inspect", arm)
-    assert outcome.code == 1
+    assert outcome.code == 70
     error = outcome.error()
     assert "ValueError: first line second line" in error
     report = Path(error.split()[-1].rstrip(")"))

@@ -66,6 +66,17 @@ def test_mcap(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     assert {one.child_frame_id for one in transforms[0].transforms} == {"base", "upper", "lower"}
 
 
+def test_a_bad_frame_does_not_take_away_the_others(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
+    (tmp_path / "bad.ply").write_text("ply\n")
+    outcome = pwralign("track", arm, scan, tmp_path / "bad.ply", "--out", tmp_path / "out")
+    assert outcome.code == 1 and "bad.ply" in outcome.error()
+    assert len((tmp_path / "out" / "joints.csv").read_text().splitlines()) == 2
+
+
+def test_names_that_do_not_exist_are_no_lost_model(arm: Path, scan: Path, pwralign: Call) -> None:
+    assert "'elbow'" in pwralign("track", arm, scan, "--joint", "elbo=1").error()
+
+
 def test_refusals(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     assert "at least one frame" in pwralign("track", arm).error()
     assert "--out" in pwralign("track", arm, scan, "--mcap").error()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -206,6 +206,36 @@ def test_the_summary_is_json(full: pk.Estimate) -> None:
 def test_unknown_joints_are_named() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'elbow'"):
         raise UnknownNameError("joint", "elbov", ["elbow"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fault"),
+    [
+        ({"near": (0.0, 0.0)}, "near"),
+        ({"region": ((1.0, 0.0, 0.0), (0.0, 1.0, 1.0))}, "corner"),
+        ({"region": (0.0, 0.0, 0.0, 1.0, 1.0)}, "region"),
+        ({"seed": -1}, "seed"),
+        ({"threads": -2}, "threads"),
+        ({"sources": ("pair",)}, "did you mean 'pairs'"),
+    ],
+)
+def test_options_out_of_range_are_refused(wrong: dict[str, Any], fault: str) -> None:
+    with pytest.raises(pk.PwralignError, match=fault):
+        pk.EstimatorOptions(**wrong)
+
+
+def test_points_are_no_scan(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(StateError, match=r"Scan\(points\)"):
+        pk.estimate(arm, full_scan.scan.points)  # type: ignore[call-overload]
+    with pytest.raises(StateError, match="ndarray"):
+        pk.estimate(arm, full_scan.scan, initial=np.eye(4))  # type: ignore[call-overload]
+
+
+def test_a_state_is_made_of_names_and_numbers() -> None:
+    with pytest.raises(StateError, match="base_link"):
+        pk.State(base_link=["a"])  # type: ignore[arg-type]
+    with pytest.raises(StateError, match="joints"):
+        pk.State(joints=[1.0, 2.0])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("options", [pk.EstimatorOptions(locked=("elbov",)), pk.EstimatorOptions(prior={"elbov": 0})])

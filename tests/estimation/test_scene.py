@@ -209,6 +209,6 @@ def test_millimetres_are_noticed(excavator: pk.ArticulatedModel, scene: Simulate
 
 
 def test_a_box_that_is_no_hint_of_the_scene_is_refused(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    options = replace(pk.EstimatorOptions(), region=(90.0, 90.0, 90.0, 91.0, 91.0, 91.0))
+    options = replace(pk.EstimatorOptions(), region=((90.0, 90.0, 90.0), (91.0, 91.0, 91.0)))
     with pytest.raises(ScanError):
         pk.estimate(excavator, scene.scan, options=options)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 import yourdfpy
 from boxbot import BOT_VALUES, estimate_from, placement, read_quickly
 from lxml import etree
@@ -125,6 +126,18 @@ def random_tree(rng: np.random.Generator, count: int) -> str:
 def test_bot_is_placed_without_joint_gaps(bot: ArticulatedModel, bot_state: State, tmp_path: Path) -> None:
     assert joint_values(bot, bot_state).single == pytest.approx(BOT_VALUES)
     assert_placed(bot, bot_state, tmp_path)
+
+
+def test_meshes_of_package_folders_are_found_again(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "elsewhere" / "box.stl")
+    (tmp_path / "robot.urdf").write_text(
+        robot(link("a", '<visual><geometry><mesh filename="box.stl"/></geometry></visual>'))
+    )
+    model = read_quickly(tmp_path / "robot.urdf", package_dirs=[tmp_path / "elsewhere"])
+    path = written(model, State(), tmp_path / "out")
+    mesh = etree.parse(str(path)).find(".//mesh")
+    assert mesh is not None and (path.parent / mesh.get("filename", "")).is_file()
 
 
 def test_what_was_forgiven_on_reading_is_forgiven_on_writing(tmp_path: Path) -> None:

@@ -86,8 +86,13 @@ def test_clouds_of_too_few_points_are_frames_without_returns(tmp_path: Path) -> 
         ({"counts": [15, 15], "points": _cloud(0), "time": [1.0, 1.0]}, "increasing"),
         ({"depth": np.ones((2, 4, 4))}, "intrinsics"),
         ({"depth": np.ones((4, 4)), "intrinsics": CAMERA}, "shape"),
+        ({"depth": 1.0, "intrinsics": CAMERA}, "shape"),
+        ({"depth": np.ones((2, 4, 4)), "intrinsics": CAMERA, "depth_scale": "mm"}, "depth_scale"),
+        ({"depth": np.ones((2, 4, 4)), "intrinsics": CAMERA, "depth_scale": np.ones(3)}, "depth_scale"),
+        ({"counts": 30, "points": _cloud(0)}, "counts"),
+        ({"counts": [15, 15], "points": _cloud(0), "time": ["a", "b"]}, "time"),
+        ({"counts": [15, 15], "points": _cloud(0), "sensor_origin": np.zeros((1, 3))}, "sensor_origin"),
     ],
-    ids=["counts", "no points", "time", "intrinsics", "shape"],
 )
 def test_malformed_sequences(arrays: dict[str, object], fault: str, tmp_path: Path) -> None:
     np.savez(tmp_path / "bad.npz", **arrays)  # type: ignore[arg-type]
@@ -115,6 +120,8 @@ def test_what_is_no_frame(tmp_path: Path) -> None:
         DepthFrame(np.ones(5), np.array(CAMERA))
     with pytest.raises(ScanError, match="scale"):
         DepthFrame(np.ones((5, 5)), np.array(CAMERA), scale=0.0)
+    with pytest.raises(ScanError, match="millimetres"):
+        DepthFrame(np.ones((5, 5), np.uint16), np.array(CAMERA))
     with pytest.raises(StateError, match="T_scan_camera"):
         DepthFrame(np.ones((5, 5)), np.array(CAMERA), T_scan_camera=2 * np.eye(4))
 
