@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -50,6 +51,15 @@ def test_every_option_of_estimate_is_in_the_table(readme: str) -> None:
     listed = set(re.findall(r"^\| `--([a-z-]+)", readme, flags=re.MULTILINE))
     keywords = estimate.__kwdefaults__ or {}
     assert listed == {name.replace("_", "-") for name in keywords}
+
+
+def test_every_option_of_the_other_verbs_is_documented(readme: str, repository: Path) -> None:
+    documents = [repository / "docs" / name for name in ("command-line.md", "tracking.md")]
+    told = readme + "".join(document.read_text(encoding="utf-8") for document in documents)
+    for verb in VERBS:
+        function = getattr(importlib.import_module(f"pwralign_kin.cli.{verb}"), verb)
+        for name in function.__kwdefaults__ or {}:
+            assert f"--{name.replace('_', '-')}" in told, verb
 
 
 def test_every_file_of_the_result_is_in_the_table(readme: str) -> None:
