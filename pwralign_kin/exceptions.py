@@ -88,6 +88,7 @@ class ExportError(PwralignError):
 
     def __init__(self, path: Path | str, fault: str) -> None:
         self.path = Path(path)
+        self.fault = fault
         super().__init__(f"{path}: {fault}")
 
 

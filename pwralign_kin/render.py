@@ -35,7 +35,7 @@ POINT_FAR = np.array([0.62, 0.62, 0.64])
 """sRGB colour of scan points off the model."""
 
 _CREASE = np.cos(np.radians(40.0))
-_OCCLUSION_RAYS = 8
+_OCCLUSION_RAYS, _COARSE = 8, 4
 _FIELD_OF_VIEW = np.radians(20.0)
 _MARGIN = 0.92
 
@@ -461,12 +461,12 @@ def _shaded(mesh: PosedMesh, buffers: _Buffers, view: View) -> Singles:
 def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
     """Return (height, width) the cosine-weighted share of sky that the surface in each pixel sees.
 
-    What is further away than 0.15 diagonals does not hide the sky. Traced for one pixel in four, with few
+    What is further away than 0.15 diagonals does not hide the sky. Traced for one pixel in 16, with few
     rays each, and smoothed.
     """
     from scipy.ndimage import uniform_filter
 
-    coarse = np.s_[::2, ::2]
+    coarse = np.s_[::_COARSE, ::_COARSE]
     hit = buffers.face[coarse] >= 0
     normals, directions = buffers.normal[coarse][hit], buffers.directions[coarse][hit]
     distance = buffers.depth[coarse][hit] / (directions @ view.axes()[2])
@@ -492,9 +492,9 @@ def _openness(mesh: PosedMesh, buffers: _Buffers, view: View) -> Array:
     blocked = mesh.scene.blocked(rays, reach=0.15 * mesh.diagonal)
     total = np.zeros(hit.shape)
     total[hit] = 1.0 - blocked.mean(axis=1)
-    weight = uniform_filter(hit.astype(np.float64), 5, mode="constant")
-    smooth = np.where(weight > 1e-3, uniform_filter(total, 5, mode="constant") / np.maximum(weight, 1e-3), 1.0)
-    return np.asarray(smooth.repeat(2, axis=0).repeat(2, axis=1)[: buffers.size[1], : buffers.size[0]])
+    weight = uniform_filter(hit.astype(np.float64), 3, mode="constant")
+    smooth = np.where(weight > 1e-3, uniform_filter(total, 3, mode="constant") / np.maximum(weight, 1e-3), 1.0)
+    return np.asarray(smooth.repeat(_COARSE, axis=0).repeat(_COARSE, axis=1)[: buffers.size[1], : buffers.size[0]])
 
 
 def _edges(buffers: _Buffers, diagonal: float) -> Array:

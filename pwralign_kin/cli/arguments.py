@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
+import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -59,6 +59,23 @@ Gravity = Annotated[
     Parameter(help="x y z: the direction in the scan that is up for the model (its z), of any length.", negative=()),
 ]
 
+Near = Annotated[
+    Triple | None, Parameter(help="x y z: a point on the object, to find it in a scene; unit of the scan.", negative=())
+]
+
+Region = Annotated[
+    Box | None,
+    Parameter(
+        help="xmin ymin zmin xmax ymax zmax: a box that the object is in; unlike with --crop, what is outside still "
+        "tells hidden from free space.",
+        negative=(),
+    ),
+]
+
+Crop = Annotated[
+    Box | None, Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=())
+]
+
 Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
 
 
@@ -75,6 +92,14 @@ def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
             raise UsageError(f"--joint takes name=value with a number in rad or m, not {text!r}.")
         values[name] = value
     return values
+
+
+def locked_names(names: Iterable[str] | None) -> tuple[str, ...]:
+    """Return the names of joints to lock; raises `UsageError` for name=value."""
+    for name in names or ():
+        if "=" in name:
+            raise UsageError(f"--lock takes the name of a joint alone; its value comes with --joint {name}.")
+    return tuple(names or ())
 
 
 def read_joints(path: Path) -> dict[str, float]:
@@ -130,8 +155,11 @@ def check_folder(folder: Path) -> None:
         place = place.parent
     if not place.is_dir():
         raise ExportError(folder, f"cannot write here: {place} is not a folder")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise ExportError(folder, f"cannot write here: no permission for {place}")
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise ExportError(folder, f"cannot write here: {error.strerror} ({place})") from None
 
 
 def read_scan(
@@ -140,6 +168,8 @@ def read_scan(
     """Return the scan in the unit of its file, in which `sensor_origin` and the box `crop` are given too."""
     from pwralign_kin.scan import Scan
 
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
     scan = Scan.load(path, sensor_origin=sensor_origin, units="auto")
     return scan if crop is None else scan.cropped(crop[:3], crop[3:])
 
@@ -167,6 +197,21 @@ def read_model(
     return ArticulatedModel.from_urdf(urdf, package_dirs=package_dirs or (), geometry=geometry, mesh_units=mesh_units)
 
 
-def scaled(values: tuple[float, ...] | None, unit: float) -> Any:
-    """Return a point or a box in m, given in a `unit` (m); None stays None."""
-    return None if values is None else tuple(unit * value for value in values)
+def all_in_metres(
+    scans: Sequence[Scan], units: Literal["m", "mm", "auto"], diagonal: float, near: Triple | None, region: Box | None
+) -> tuple[list[Scan], dict[str, Any]]:
+    """Return the scans in m, and the hints of `EstimatorOptions` in m that are given in the unit of the scans.
+
+    Raises `UsageError` for hints where the scans differ in their units, and what `in_metres` raises.
+    """
+    converted = [in_metres(scan, units, diagonal) for scan in scans]
+    unit = converted[0][1]
+    if (near or region) and any(own != unit for _, own in converted):
+        raise UsageError("--near and --region have no unit where those of the scans differ: give --units.")
+    hints: dict[str, Any] = {}
+    if near is not None:
+        hints["near"] = tuple(unit * value for value in near)
+    if region is not None:
+        corners = [unit * value for value in region]
+        hints["region"] = (tuple(corners[:3]), tuple(corners[3:]))
+    return [scan for scan, _ in converted], hints

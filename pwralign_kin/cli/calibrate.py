@@ -11,6 +11,7 @@ from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import (
     AsJson,
+    EffortChoice,
     GeometryChoice,
     MeshUnitsChoice,
     PackageDirs,
@@ -37,7 +38,11 @@ def calibrate(
         Triple | None, Parameter(help="x y z: where the scans were seen from; unit of the scans.", negative=())
     ] = None,
     gravity: arguments.Gravity = None,
+    near: arguments.Near = None,
+    region: arguments.Region = None,
+    crop: arguments.Crop = None,
     units: Units = "m",
+    effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
     package_dir: PackageDirs = None,
@@ -59,12 +64,16 @@ def calibrate(
         from pwralign_kin.estimation import calibrate as calibrated
 
         show("reading the scans")
-        scans = [arguments.read_scan(scan, sensor_origin) for scan, _ in paths]
+        scans = [arguments.read_scan(scan, sensor_origin, crop) for scan, _ in paths]
         joints = [arguments.read_joints(values) for _, values in paths]
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
-        scans = [arguments.in_metres(scan, units, model.diagonal)[0] for scan in scans]
-        options = EstimatorOptions(seed=seed, threads=threads, base=BasePrior(up=gravity))
+        for (_, values), own in zip(paths, joints, strict=True):
+            for name in model.joint_names:
+                if name not in own:
+                    messages.say(f"{values} does not tell {name}: it is estimated", "note")
+        scans, hints = arguments.all_in_metres(scans, units, model.diagonal, near, region)
+        options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=BasePrior(up=gravity), **hints)
         result = calibrated(model, scans, joints, options, progress=show)
     _report(result, out, json)
     if result.confidence >= ENOUGH_CONFIDENCE:

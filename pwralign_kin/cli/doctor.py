@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 from collections.abc import Iterator
@@ -15,6 +16,10 @@ from pwralign_kin.exceptions import ExportError
 
 MODULES = ("numpy", "scipy", "pinocchio", "casadi", "open3d", "trimesh", "yourdfpy", "collada", "lxml", "PIL")
 """Libraries without which something does not work."""
+
+
+EXTRAS = {"xacro": "xacrodoc", "ros": "rosbags", "benchmark": "small_gicp"}
+"""Extras of the distribution, and a module that each brings."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Finding:
 def doctor() -> int:
     """Check that everything this program needs is installed, and say how to mend it."""
     sick = 0
-    for check in (_program, _system_libraries, _open3d_twice, _modules, _kernels_and_cache):
+    for check in (_program, _system_libraries, _open3d_twice, _modules, _extras, _kernels_and_cache):
         for finding in check():
             print(f"{'!!' if finding.remedy else 'ok'}  {finding.what}: {finding.state}", flush=True)
             if finding.remedy:
@@ -72,6 +77,14 @@ def _modules() -> Iterator[Finding]:
             yield Finding(name, str(getattr(module, "__version__", "present")))
 
 
+def _extras() -> Iterator[Finding]:
+    """What `pip install "pwralign-kin[extra]"` adds: nothing to mend where it is missing."""
+    for extra, module in EXTRAS.items():
+        found = importlib.util.find_spec(module) is not None
+        missing = f'not installed; pip install "pwralign-kin[{extra}]" adds it'
+        yield Finding(f"extra {extra}", "present" if found else missing)
+
+
 def _kernels_and_cache() -> Iterator[Finding]:
     try:
         importlib.import_module("pwralign_kin.kernels")
@@ -90,7 +103,7 @@ def _kernels_and_cache() -> Iterator[Finding]:
         yield Finding("cache", str(error), "export PWRALIGN_CACHE_DIR=FOLDER, a folder that can be written")
     else:
         size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-        yield Finding("cache", f"{folder}, {size / 1e6:.1f} MB")
+        yield Finding("cache", f"{folder}, {size / 1e6:.1f} MB; it may be deleted at any time")
 
 
 def _broken(what: str, error: ImportError | OSError) -> Finding:

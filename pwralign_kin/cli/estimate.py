@@ -62,25 +62,12 @@ def estimate(
         Parameter(help="xmin ymin zmin xmax ymax zmax: a box that holds the root link's origin, m.", negative=()),
     ] = None,
     gravity: Gravity = None,
-    crop: Annotated[
-        Box | None,
-        Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=()),
-    ] = None,
+    crop: arguments.Crop = None,
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
     ] = None,
-    near: Annotated[
-        Triple | None,
-        Parameter(help="x y z: a point on the object, to find it in a scene; unit of the scan.", negative=()),
-    ] = None,
-    region: Annotated[
-        Box | None,
-        Parameter(
-            help="xmin ymin zmin xmax ymax zmax: a box that the object is in; unlike with --crop, what is outside "
-            "still tells hidden from free space.",
-            negative=(),
-        ),
-    ] = None,
+    near: arguments.Near = None,
+    region: arguments.Region = None,
     correspondences: Annotated[
         Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
     ] = None,
@@ -122,10 +109,7 @@ def estimate(
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
-        converted = [arguments.in_metres(points, units, model.diagonal) for points in read]
-        scans, unit = [points for points, _ in converted], converted[0][1]
-        if (near or region) and any(own != unit for _, own in converted):
-            raise UsageError("--near and --region have no unit where those of the scans differ: give --units.")
+        scans, hints = arguments.all_in_metres(read, units, model.diagonal, near, region)
         known = BasePrior(
             T_scan_base=None if base is None or base_std is None else arguments.placement(base),
             translation_std=base_std[0] if base_std else 0.0,
@@ -133,17 +117,15 @@ def estimate(
             up=gravity,
             region=None if base_region is None else (base_region[:3], base_region[3:]),
         )
-        box = arguments.scaled(region, unit)
         options = EstimatorOptions(
             seed=seed,
             effort=effort,
             threads=threads,
-            locked=tuple(lock or ()),
+            locked=arguments.locked_names(lock),
             prior=values,
             base=known,
             search=SearchOptions(solid=solid),
-            near=arguments.scaled(near, unit),
-            region=None if box is None else (box[:3], box[3:]),
+            **hints,
         )
         result: Estimate | SharedBaseEstimate
         if more:
@@ -152,6 +134,9 @@ def estimate(
         else:
             single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
             results, result = (single,), single
+    if not json:
+        print(result, flush=True)
+    with messages.progress() as show:
         show("writing the result")
         written = []
         for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
@@ -159,7 +144,10 @@ def estimate(
         if out is not None and more:
             files.write_text(out / "shared.json", _as_json(result) + "\n")
             written.append(out / "shared.json")
-    _print(result, written, json)
+    if json:
+        print(_as_json(result))
+    else:
+        print("".join(f"wrote {path}\n" for path in written), end="")
     if result.confidence >= ENOUGH_CONFIDENCE:
         return OK
     messages.say(f"low confidence ({result.confidence:.2f}): look at the result before you use it", "warning")
@@ -191,12 +179,3 @@ def _as_json(result: Estimate | SharedBaseEstimate) -> str:
     from json import dumps
 
     return dumps(result.to_dict(), indent=2, allow_nan=False)
-
-
-def _print(result: Estimate | SharedBaseEstimate, written: list[Path], as_json: bool) -> None:
-    if as_json:
-        print(_as_json(result))
-        return
-    print(result)
-    for path in written:
-        print(f"wrote {path}")

@@ -84,6 +84,7 @@ def simulate(
         given_pose = None if state is None else State.load(state)
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+        model.check_limits(values)
         show("scanning")
         pose = given_pose or random_state(model, seed)
         pose = State(pose.T_scan_base, {**pose.joints, **values}, pose.base_link)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -113,7 +113,7 @@ def track(
         )
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
-        estimator = EstimatorOptions(seed=seed, threads=threads, locked=tuple(lock or ()), prior=values)
+        estimator = EstimatorOptions(seed=seed, threads=threads, locked=arguments.locked_names(lock), prior=values)
         tracker = Tracker(model, TrackerOptions(estimator=estimator, time_limit=time_limit), start)
         tracked: list[TrackedFrame] = []
         written: list[Path] = []
@@ -125,9 +125,9 @@ def track(
         finally:
             # A bad frame, or who has seen enough, does not take away what was tracked before.
             if out is not None and tracked:
-                points = [TrackPoint(own.time, own.state, own.lost, own.to_dict()) for own in tracked]
+                points = [TrackPoint(own.time, own.state, own.lost, own.std, own.to_dict()) for own in tracked]
                 written = export_track(points, model, out, mcap=mcap)
-    _print(tracked, written, json)
+    _print(tracked, written, model.units, json)
     confidence = float(np.median([own.confidence for own in tracked])) if tracked else 0.0
     if confidence >= ENOUGH_CONFIDENCE:
         return OK
@@ -135,7 +135,7 @@ def track(
     return LOW_CONFIDENCE
 
 
-def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], as_json: bool) -> None:
+def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], units: Mapping[str, str], as_json: bool) -> None:
     if as_json:
         from json import dumps
 
@@ -143,8 +143,10 @@ def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], as_json: bo
         return
     import numpy as np
 
+    from pwralign_kin.estimation.result import joint_table
+
     lost, searched = sum(own.lost for own in tracked), sum(own.searched for own in tracked)
-    print(f"{len(tracked)} frames, {lost} of them lost, {searched} searched")
+    print(f"{len(tracked)} frame{'s' * (len(tracked) != 1)}, {lost} of them lost, {searched} searched")
     if tracked:
         seconds = [own.seconds for own in tracked if not own.searched]
         figures = [f"confidence {np.median([own.confidence for own in tracked]):.2f}"]
@@ -152,7 +154,6 @@ def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], as_json: bo
         print(f"median: {', '.join(figures)}")
         last = tracked[-1]
         print(f"last frame, at {last.time:.3f} s{' (lost)' if last.lost else ''}:")
-        for name, value in last.state.joints.items():
-            print(f"  {name} {value:.4f}")
+        print("\n".join(joint_table(last.state.joints, last.std, last.undetermined, units)))
     for path in written:
         print(f"wrote {path}")

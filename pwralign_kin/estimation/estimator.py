@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from pwralign_kin.estimation.scene import is_scene, observe_scene
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, transform
@@ -54,14 +54,10 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
-        for name in (*options.locked, *options.prior, *options.prior_std):
+        for name in (*options.locked, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
-        for name, value in options.prior.items():
-            joint = model.joint_names.index(name)
-            lower, upper = model.lower[joint], model.upper[joint]
-            if not model.continuous[joint] and not lower <= value <= upper:
-                raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+        model.check_limits(options.prior)
         for name, std in options.prior_std.items():
             if not (np.isfinite(std) and std > 0):
                 raise StateError(f"the standard deviation of joint {name!r} must be a positive number, not {std}")
@@ -110,6 +106,7 @@ class Estimator:
     def _observe(self, scan: Scan, initial: State | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
+        self._check_hints(scan)
         if options.region is None and not is_scene(
             scan, model.diagonal, model.reach, options.scene, options.observation, self.threads
         ):
@@ -118,6 +115,22 @@ class Estimator:
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
         )
+
+    def _check_hints(self, scan: Scan) -> None:
+        """Raise `ScanError` for hints that lead away from the scan."""
+        low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+        extent = f"the scan is from {_point(low)} to {_point(high)} m"
+        near, region = self.options.near, self.options.region
+        if near is not None:
+            away = float(np.linalg.norm(np.maximum(np.maximum(low - near, near - high), 0.0)))
+            if away > self.model.reach:
+                raise ScanError(scan.source, f"near {_point(near)} is {away:.3g} m away from it: {extent}")
+        if region is not None:
+            inside = np.all((scan.points >= region[0]) & (scan.points <= region[1]), axis=1)
+            if not inside.any():
+                raise ScanError(
+                    scan.source, f"no point is in the region {_point(region[0])} to {_point(region[1])}: {extent}"
+                )
 
     def _searched_box(self, initial: State | None) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
@@ -192,3 +205,7 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
+
+
+def _point(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"

@@ -70,7 +70,7 @@ class BasePrior:
                     raise StateError(f"{name} must have a length")
                 object.__setattr__(self, name, tuple(direction.tolist()))
         if self.region is not None:
-            object.__setattr__(self, "region", checked_box(self.region, "region"))
+            object.__setattr__(self, "region", checked_box(self.region, "the base's region"))
         stds = {"translation_std": self.translation_std, "rotation_std": self.rotation_std, "up_std": self.up_std}
         for name, std in stds.items():
             if std is not None and not (np.isfinite(std) and std >= 0):

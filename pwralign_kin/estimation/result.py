@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -141,22 +141,13 @@ class Estimate:
         """Return a table of joints and parts, worth reading."""
         x, y, z = self.state.T_scan_base[:3, 3]
         quaternion = " ".join(f"{v:.4f}" for v in quaternion_xyzw(self.state.T_scan_base))
-        width = max([len("joint"), *map(len, self.state.joints)])
         lines = [
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
             f"support {self.model_support:.1%} of the visible model   inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
             f"base {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
             "",
-            f"{'joint':{width}}       value         std",
+            *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]
-        for name, value in self.state.joints.items():
-            angular = self.units[name] == "rad"
-            shown = f"{np.degrees(value):9.2f} deg" if angular else f"{1e3 * value:9.2f} mm "
-            if name in self.undetermined:
-                doubt = "undetermined"
-            else:
-                doubt = f"{np.degrees(self.std[name]):8.3f} deg" if angular else f"{1e3 * self.std[name]:8.3f} mm"
-            lines.append(f"{name:{width}} {shown} {doubt}")
         part_width = max([len("part"), *map(len, self.parts)])
         lines += ["", f"{'part':{part_width}}  points  residual  support"]
         for name, part in self.parts.items():
@@ -166,7 +157,27 @@ class Estimate:
         if self.alternatives:
             equal = sum(other.equal for other in self.alternatives)
             rival = f"the best of cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}"
-            lines += ["", f"{len(self.alternatives)} other answers, {equal} of them equal, {rival}"]
+            answers = "other answer" if len(self.alternatives) == 1 else "other answers"
+            lines += ["", f"{len(self.alternatives)} {answers}, {equal} of them equal, {rival}"]
         outcome = "converged" if self.converged else "NOT converged"
         lines.append(f"{outcome} in {self.iterations} iterations, {sum(self.timings.values()):.2f} s")
         return "\n".join(lines)
+
+
+def joint_table(
+    values: Mapping[str, float], std: Mapping[str, float], undetermined: Collection[str], units: Mapping[str, str]
+) -> list[str]:
+    """Return the lines of a table of joints: degrees or mm, and how sure they are."""
+    width = max([len("joint"), *map(len, values)])
+    lines = [f"{'joint':{width}}       value         std"]
+    for name, value in values.items():
+        doubt = "undetermined" if name in undetermined else f"{shown(std[name], units[name], 8, 3)}"
+        lines.append(f"{name:{width}} {shown(value, units[name], 9, 2)} {doubt.rstrip()}")
+    return lines
+
+
+def shown(value: float, unit: str, width: int, digits: int) -> str:
+    """Return a joint value (rad or m) in degrees or mm, as wide in one as in the other."""
+    if unit == "rad":
+        return f"{np.degrees(value):{width}.{digits}f} deg"
+    return f"{1e3 * value:{width}.{digits}f} mm "

@@ -23,7 +23,7 @@ from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Probl
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import LEAST_STD, SearchPrior, placement_in_root
-from pwralign_kin.estimation.result import Estimate
+from pwralign_kin.estimation.result import Estimate, shown
 from pwralign_kin.estimation.uncertainty import inverse_covariance, observed_errors
 from pwralign_kin.exceptions import StateError
 from pwralign_kin.model import ArticulatedModel
@@ -106,8 +106,16 @@ class SharedBaseEstimate:
             lines.append(
                 f"{i:4d}  {e.confidence:10.2f}  {e.scan_coverage:8.1%}  {e.model_support:7.1%}  "
                 f"{1e3 * e.inlier_rmse:8.2f} mm  {', '.join(e.undetermined) or '-'}"
-                + ("  (had found another base)" if i in self.outvoted else "")
+                + ("  (alone it had another base)" if i in self.outvoted else "")
             )
+        width = max([len("joint"), *map(len, self.estimates[0].state.joints)])
+        lines += ["", f"{'joint':{width}}" + "".join(f"{f'scan {i}':>15}" for i in range(len(self.estimates)))]
+        for name, unit in self.estimates[0].units.items():
+            values = (
+                f"{'undetermined':>15}" if name in e.undetermined else shown(e.state.joints[name], unit, 11, 2)
+                for e in self.estimates
+            )
+            lines.append(f"{name:{width}}" + "".join(values).rstrip())
         return "\n".join(lines)
 
 

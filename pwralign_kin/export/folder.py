@@ -32,6 +32,10 @@ def atomic_folder(folder: Path | str) -> Iterator[Path]:
         _move_files(new, folder, backup=temporary)
     except OSError as error:
         raise ExportError(folder, f"cannot write: {error.strerror}") from None
+    except ExportError as error:
+        if error.path.is_relative_to(temporary):  # a name that nobody has seen
+            raise ExportError(folder / error.path.name, error.fault) from None
+        raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

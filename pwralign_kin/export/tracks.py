@@ -32,6 +32,8 @@ class TrackPoint:
     state: State
     lost: bool
     """Whether the state is a guess."""
+    std: Mapping[str, float]
+    """Standard deviation of each joint, rad or m."""
     details: Mapping[str, Any]
     """What else there is to tell, as JSON."""
 
@@ -41,7 +43,7 @@ def export_track(
 ) -> list[Path]:
     """Write a track into `folder`, all files or none, and return their paths.
 
-    - `joints.csv`: time, lost (0 or 1) and every actuated joint, rad or m, a row per frame;
+    - `joints.csv`: time, lost (0 or 1) and every actuated joint and its standard deviation, rad or m, a row per frame;
     - `base.tum`: `time x y z qx qy qz qw` of the root link in the scan frame (TUM format), without frames in which the
       model is lost;
     - `track.json`: all figures of every frame;
@@ -65,10 +67,11 @@ def export_track(
 def _write_joints(path: Path, track: Sequence[TrackPoint], model: ArticulatedModel) -> None:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(["time", "lost", *model.joint_names])
+    table.writerow(["time", "lost", *model.joint_names, *(f"std({name})" for name in model.joint_names)])
     for point in track:
         values = [f"{value:.9g}" for value in model.values(point.state.joints)]
-        table.writerow([f"{point.time:.9f}", int(point.lost), *values])
+        doubts = [f"{point.std[name]:.4g}" for name in model.joint_names]
+        table.writerow([f"{point.time:.9f}", int(point.lost), *values, *doubts])
     files.write_text(path, text.getvalue())
 
 

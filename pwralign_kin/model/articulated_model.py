@@ -241,6 +241,15 @@ class ArticulatedModel:
             values[self._index[name]] = value
         return values
 
+    def check_limits(self, joints: Mapping[str, float]) -> None:
+        """Raise `UnknownNameError` for a name that is no actuated joint, `StateError` for a value beyond the limits."""
+        for name, value in joints.items():
+            if name not in self._index:
+                raise UnknownNameError("joint", name, self.joint_names)
+            lower, upper = self.lower[self._index[name]], self.upper[self._index[name]]
+            if not self.continuous[self._index[name]] and not lower <= value <= upper:
+                raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+
     def part_placements(self, values: Array) -> Array:
         """Return (n_parts, 4, 4) placements of the parts in the root frame for the actuated values (k,)."""
         return self.kinematics.placements(self._checked(values))

@@ -25,6 +25,9 @@ from pwralign_kin.exceptions import PwralignError
 
 logger = logging.getLogger(__name__)
 
+_complained: set[Path] = set()
+"""Folders that were found not to be writable: once is enough."""
+
 Arrays = dict[str, NDArray[Any]]
 
 _MAGIC = b"pwralign-arrays-1\n"
@@ -98,7 +101,7 @@ def _read(path: Path, key: str) -> Arrays | None:
             data = np.empty(header["size"], np.uint8)
             if handle.readinto(data.data) != header["size"] or zlib.crc32(data.data) != checksum:
                 raise ValueError("corrupt data")
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
         logger.warning("cache entry %s is built anew: %s", path, error)
@@ -126,4 +129,8 @@ def _write(path: Path, key: str, arrays: Arrays) -> None:
             handle.write(header)
             handle.write(data.data)
     except (OSError, PwralignError) as error:
-        logger.warning("the cache is not written, so the next run prepares the model again: %s", error)
+        if path.parent not in _complained:
+            _complained.add(path.parent)
+            logger.warning(
+                "%s cannot be written, so that the next run prepares the model again: %s", path.parent, error
+            )

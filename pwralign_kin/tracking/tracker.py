@@ -51,7 +51,10 @@ UNEXPLAINED = 0.05
 """So is the model as a whole when so much more of the points than usual is unexplained."""
 
 UNDETERMINED = float(np.radians(2.5))
-"""A joint whose standard deviation is larger (rad; of slides this share of a diagonal) is undetermined."""
+"""A joint whose standard deviation is larger (rad; of slides this share of a diagonal) is undetermined, ..."""
+
+MUCH_DOUBT = 0.5
+"""... or larger than this share of that of a value that may be anywhere within the limits."""
 
 TOLD, VAGUE = 0.75, float(np.radians(8.0))
 """A frame tells a joint when it takes away this share of its variance and leaves a smaller deviation than the second;
@@ -98,6 +101,7 @@ class Tracker:
             model.root_placement(initial), model.values(initial.joints)
         self._free = ~np.isin(model.joint_names, self.options.estimator.locked)
         self._most_doubt = (model.upper - model.lower) / self._unit / np.sqrt(12.0)
+        self._much_doubt = np.minimum(UNDETERMINED, MUCH_DOUBT * self._most_doubt)
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._doubt, self._doubted, self._vain = 1, 0, 0
         self._motion: Motion | None = None
@@ -368,7 +372,7 @@ class Tracker:
             iterations=fit.iterations,
             seconds=clock.perf_counter() - start,
             std=dict(zip(self.model.joint_names, (doubt * self._unit).tolist(), strict=True)),
-            undetermined=tuple(np.array(self.model.joint_names, object)[doubt > UNDETERMINED].tolist()),
+            undetermined=tuple(np.array(self.model.joint_names, object)[doubt > self._much_doubt].tolist()),
             covariance=covariance,
         )
 

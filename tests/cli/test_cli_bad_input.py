@@ -186,6 +186,22 @@ def test_a_state_whose_base_link_is_no_name(
     assert "base_link" in refused(arm, cloud, "--initial", tmp_path / "s.json")
 
 
+def test_hints_that_lead_away_from_the_scan(arm: Path, cloud: Path, refused: Callable[..., str]) -> None:
+    assert "50" in refused(arm, cloud, "--near", 50, 50, 50)
+    assert "no point is in the region" in refused(arm, cloud, "--region", 5, 5, 5, 6, 6, 6)
+
+
+def test_arguments_mixed_up(arm: Path, cloud: Path, pwralign: Call) -> None:
+    swapped = pwralign("estimate", cloud, arm)
+    assert swapped.code == 2 and "the URDF comes first" in swapped.error()
+    assert "--joint elbow=1" in pwralign("estimate", arm, cloud, "--lock", "elbow=1").error()
+
+
+def test_poses_beyond_the_limits_are_not_simulated(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    outcome = pwralign("simulate", arm, "--joint", "elbow=9", "--out", tmp_path / "out")
+    assert outcome.code == 1 and "limits" in outcome.error() and not (tmp_path / "out").exists()
+
+
 def test_boxes_and_numbers_out_of_range(arm: Path, cloud: Path, refused: Callable[..., str]) -> None:
     assert "least and a greatest corner" in refused(arm, cloud, "--region", 1, 0, 0, 0, 1, 1)
     assert "near" in refused(arm, cloud, "--near", "nan", 0, 0)
@@ -251,7 +267,7 @@ def test_a_full_disk_leaves_the_earlier_result_as_it_was(
     monkeypatch.setattr("pwralign_kin.export.deviation.write_deviation_table", full)
     outcome = pwralign("estimate", arm, scan, "--out", folder)
     assert outcome.code == 1
-    assert "No space left on device" in outcome.error()
+    assert "result: cannot write: No space left on device" in outcome.err.splitlines()[-1]
     assert (folder / "state.json").read_text() == "earlier"
     assert [path.name for path in folder.iterdir()] == ["state.json"]
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]

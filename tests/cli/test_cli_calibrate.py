@@ -59,6 +59,7 @@ def test_estimate_takes_several_scans(arm: Path, scan: Path, tmp_path: Path, pwr
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"0_scan", "1_scan", "shared.json"}
     one, two = (State.load(tmp_path / "out" / name / "state.json") for name in ("0_scan", "1_scan"))
     np.testing.assert_allclose(one.T_scan_base, two.T_scan_base, atol=1e-12)
+    assert outcome.out.count("elbow") == 1 and "scan 1" in outcome.out
     shared = json.loads((tmp_path / "out" / "shared.json").read_text())
     np.testing.assert_allclose(one.T_scan_base, shared["T_scan_base"], atol=1e-12)
     assert len(shared["base_covariance"]) == 6 and len(shared["estimates"]) == 2

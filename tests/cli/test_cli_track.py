@@ -23,7 +23,7 @@ def test_track_of_one_scan_seen_twice(arm: Path, scan: Path, tmp_path: Path, pwr
     assert [frame["searched"] for frame in frames] == [True, False, False]
     assert {path.name for path in out.iterdir()} == {"joints.csv", "base.tum", "track.json"}
     rows = list(csv.DictReader((out / "joints.csv").read_text().splitlines()))
-    assert len(rows) == 3 and rows[0].keys() == {"time", "lost", "shoulder", "elbow"}
+    assert len(rows) == 3 and rows[0].keys() == {"time", "lost", "shoulder", "elbow", "std(shoulder)", "std(elbow)"}
     for name, value in truth.joints.items():
         assert float(rows[-1][name]) == pytest.approx(value, abs=0.03)
     base = np.loadtxt(out / "base.tum")
@@ -35,8 +35,8 @@ def test_track_of_one_scan_seen_twice(arm: Path, scan: Path, tmp_path: Path, pwr
 def test_initial_state_and_table(arm: Path, scan: Path, pwralign: Call) -> None:
     outcome = pwralign("track", arm, scan, "--initial", scan.parent / "truth.json")
     assert outcome.code == 0, outcome.err
-    assert "1 frames, 0 of them lost, 0 searched" in outcome.out
-    assert "shoulder 0.5" in outcome.out
+    assert "1 frame, 0 of them lost, 0 searched" in outcome.out
+    assert "shoulder     28." in outcome.out and "deg" in outcome.out
 
 
 def test_tracks_of_something_else_are_doubted(arm: Path, tmp_path: Path, pwralign: Call) -> None:

@@ -91,8 +91,9 @@ def test_a_folder_that_cannot_be_written_costs_only_the_next_load(
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("PWRALIGN_CACHE_DIR", str(tmp_path / "file"))
     with caplog.at_level(logging.WARNING, "pwralign_kin"):
-        assert np.array_equal(load_or_build(KEY, arrays)["faces"], [[0, 1, 2]])
-    assert "cache is not written" in caplog.text
+        for _ in range(2):
+            assert np.array_equal(load_or_build(KEY, arrays)["faces"], [[0, 1, 2]])
+    assert caplog.text.count("cannot be written") == 1
 
 
 def test_failed_builds_leave_nothing(folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,6 +167,21 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     ahead = motion.predicted(motion.time + 0.1)
     moved = exp(0.1 * twist)[:3, :3]
     assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
+
+
+def test_a_short_slide_that_is_hidden_is_undetermined(tmp_path: Path) -> None:
+    link = '<link name="{}"><visual><geometry><box size="{}"/></geometry></visual></link>'
+    slide = '<joint name="slide" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0 0 0.3"/>'
+    limit = '<limit lower="0" upper="0.02" effort="1" velocity="1"/></joint>'
+    (tmp_path / "slider.urdf").write_text(
+        f'<robot name="r">{link.format("a", "0.5 0.3 0.2")}{link.format("b", "0.1 0.1 0.1")}{slide}{limit}</robot>'
+    )
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "slider.urdf")
+    made = pk.simulate(model, sensor=pk.Sensor(views=6, points=4000, noise=0.001), seed=1)
+    for hidden in (False, True):
+        tracker = pk.Tracker(model, initial=made.state)
+        tracked = [tracker.update(made.scan.points[made.labels < 2 - hidden], 0.1 * index) for index in range(4)]
+        assert tracked[-1].undetermined == (("slide",) if hidden else ())
 
 
 def test_a_joint_that_is_hidden_is_held_and_called_undetermined(arm: pk.ArticulatedModel, moving: Frames) -> None:
