@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 from pathlib import Path
@@ -62,7 +63,10 @@ def test_every_option_of_the_other_verbs_is_documented(readme: str, repository: 
             assert f"--{name.replace('_', '-')}" in told, verb
 
 
-def test_every_file_of_the_result_is_in_the_table(readme: str) -> None:
+def test_every_file_and_figure_of_the_result_is_explained(readme: str, repository: Path) -> None:
     assert main(["estimate", "robots/laptop/laptop.urdf", "robots/laptop/scans/full.ply", "--out", "out"]) == 0
     for path in Path("out").iterdir():
         assert f"`{path.name}`" in readme
+    told = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
+    for key in json.loads(Path("out/estimate.json").read_text(encoding="utf-8")):
+        assert f"`{key}`" in told
