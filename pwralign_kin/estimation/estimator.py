@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solut
 from pwralign_kin.estimation.joint_profile import profiled
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observation import Observation, observe
-from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.options import EstimatorOptions, plain
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.scene import is_scene, observe_scene
@@ -209,7 +209,7 @@ class Estimator:
         if solver.search.known.held:
             base = solver.search.known.placement
         if not self.options.least_squares.enabled:
-            problem = solver.build(base, values, solver.robust_scale(base, values))
+            problem = solver.build(base, values, solver.robust_scale(solver.residual(base, values)))
             return Solution(base, values, problem, True, 0)
         return solved(solver, base, solver.limited(values))
 
@@ -348,7 +348,7 @@ class Estimator:
             converged=solution.converged,
             iterations=solution.iterations,
             timings=dict(watch.seconds),
-            options=asdict(self.options),
+            options=plain(self.options),
             units={name: model.units[name] for name in names},
         )
 

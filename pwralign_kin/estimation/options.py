@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, is_dataclass
+from typing import Any, Literal
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.face_hypotheses import FaceOptions
@@ -58,3 +58,8 @@ class EstimatorOptions:
     repair: RepairOptions = field(default_factory=RepairOptions)
     reinterpretation: ReinterpretationOptions = field(default_factory=ReinterpretationOptions)
     least_squares: LeastSquaresOptions = field(default_factory=LeastSquaresOptions)
+
+
+def plain(options: Any) -> dict[str, Any]:
+    """Return options as nested plain values."""
+    return {name: plain(value) if is_dataclass(value) else value for name, value in vars(options).items()}
