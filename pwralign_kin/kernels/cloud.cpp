@@ -245,7 +245,8 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
     std::vector<double> out(2 * sizes.size() * asked);
     if (sizes.empty()) return out;
     const Neighbours near = nearest_neighbours(points, count, queries, asked, sizes.back(), threads);
-    for (int64_t q = 0; q < asked; ++q) {
+    const int64_t block = 64;
+    auto measure = [&](int64_t q) {
         double sums[3] = {}, products[6] = {};
         int k = 0;
         for (size_t s = 0; s < sizes.size(); ++s) {
@@ -263,7 +264,10 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
             const auto [thin, wide] = lower_eigenvalues(scatter);
             out[2 * s * asked + q] = thin, out[(2 * s + 1) * asked + q] = wide;
         }
-    }
+    };
+    parallel_for((asked + block - 1) / block, threads, [&](int64_t b) {
+        for (int64_t q = b * block; q < std::min(asked, (b + 1) * block); ++q) measure(q);
+    });
     return out;
 }
 
