@@ -184,8 +184,10 @@ class JointLeastSquares:
         return solver
 
     def look(self, base: Array, values: Array, residual: float) -> None:
-        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end and its
-        `residual`."""
+        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end.
+
+        `residual` is that of the configuration.
+        """
         observation = self.search.observation
         # In a scene the outline is one of depth jumps, which sensors smear.
         if not observation.single_view or observation.scene:
@@ -336,8 +338,8 @@ def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) ->
     solver = _quadratic_program(size)
     buffer, evaluate = solver.buffer()
     for name, values in numbers.items():
-        buffer.set_arg(solver.index_in(name), memoryview(values))
-    buffer.set_res(solver.index_out("x"), memoryview(x))
+        buffer.set_arg(solver.index_in(name), values.data)
+    buffer.set_res(solver.index_out("x"), x.data)
     evaluate()
     return x
 

@@ -226,8 +226,7 @@ class ArticulatedModel:
         return self.kinematics.placements(self._checked(values))
 
     def part_placements_and_twists(self, values: Array) -> tuple[Array, Array]:
-        """Return part placements (n_parts, 4, 4), and the derivatives (n_parts, 6, k) of the parts' twists by the actuated
-        values (k,).
+        """Return part placements (n_parts, 4, 4), and derivatives (n_parts, 6, k) of the parts' twists, by values (k,).
 
         Rows 0-2: angular velocity; rows 3-5: linear velocity of what is at the root's origin; both in root axes.
         """

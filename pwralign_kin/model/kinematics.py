@@ -78,8 +78,10 @@ class Kinematics:
         return self._placed(data)
 
     def placements_and_twists(self, values: Array) -> tuple[Array, Array]:
-        """Return (n_parts, 4, 4) placements, and (n_parts, 6, k) twists by the actuated values: rows 0-2 angular velocity,
-        3-5 linear velocity of what is at the root link's origin, root axes."""
+        """Return (n_parts, 4, 4) placements, and (n_parts, 6, k) twists of the parts by the actuated values.
+
+        Rows 0-2 are angular, 3-5 linear velocity of what is at the root link's origin, root axes.
+        """
         data = self._data()
         # Each column is the twist of one joint; a part has those of the joints between it and the root.
         columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
