@@ -387,8 +387,8 @@ def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """
     if search.observation.scene:
         return np.zeros(len(candidates), np.float32)  # most of it is other things
-    # The noise counts, and what a bent scan leaves beside it.
-    noise = np.hypot(max(search.observation.noise, search.residual(candidates.take([0]))), SAMPLING)
     given, placements = search.observation.given, search.part_placements(candidates)
     distances = np.array([search.assigned(given, T, search.exists, FINEST_REACH)[0] for T in placements])
+    # The noise counts, and what a bent scan leaves beside it.
+    noise = np.hypot(max(search.observation.noise, search.residual_of(distances[0])), SAMPLING)
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE).mean(axis=1), np.float32)

@@ -166,14 +166,29 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
 
 def _margin(search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]) -> float:
     """Return how much better the answer scores than its best rival; 1 without any."""
-    moved = _with_joints_moved(search, final, points)
-    rivals = Candidates.concatenate([others, moved.best_first()])
-    apart = np.flatnonzero(_departures(search, final, rivals, np.flatnonzero(points >= LEAST_POINTS)) > APART)
-    several = int((apart < len(others)).sum()) + RIVALS
-    if len(apart) == 0:
+    seen = np.flatnonzero(points >= LEAST_POINTS)
+    moved = _with_joints_moved(search, final, points).best_first()
+    rivals = Candidates.concatenate(
+        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
+    )
+    if len(rivals) == 0:
         return 1.0
-    scores = search.scored(Candidates.concatenate([final, rivals.take(apart[:several])]))[0].scores
+    scores = search.scored(Candidates.concatenate([final, rivals]))[0].scores
     return float(scores[0] - scores[1:].max())
+
+
+def _apart(
+    search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
+) -> Candidates:
+    """Return the first `count` of the rivals that place one of the `seen` parts off the answer's surface."""
+    kept: list[int] = []
+    for first in range(0, len(rivals), 2 * RIVALS):
+        some = np.arange(first, min(first + 2 * RIVALS, len(rivals)))
+        departures = _departures(search, final, rivals.take(some), seen)
+        kept += some[departures > APART].tolist()
+        if len(kept) >= count:
+            break
+    return rivals.take(kept[:count])
 
 
 def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:
@@ -184,7 +199,10 @@ def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np
         np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
     )
     hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
-    return search.swept(final, joints, hangs @ points > 0.5 * points.sum(), MODES)
+    base_moves = hangs @ points > 0.5 * points.sum()
+    # Nothing that is seen departs where only the rest moves.
+    tells = base_moves | (hangs & (points >= LEAST_POINTS)).any(axis=1)
+    return search.swept(final, joints[tells], base_moves[tells], MODES)
 
 
 def _departures(

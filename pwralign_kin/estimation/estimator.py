@@ -183,7 +183,7 @@ class Estimator:
         if solver.search.known.held:
             base = solver.search.known.placement
         if not self.options.least_squares.enabled:
-            problem = solver.build(base, values, solver.robust_scale(base, values))
+            problem = solver.build(base, values, solver.robust_scale(solver.residual(base, values)))
             return Solution(base, values, problem, True, 0)
         return solved(solver, base, solver.limited(values))
 

@@ -186,26 +186,27 @@ class JointLeastSquares:
         solver.along_rays = self.along_rays
         return solver
 
-    def look(self, base: Array, values: Array) -> None:
-        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end."""
-        search = self.search
-        at = Candidates.single(base, values)
-        known = (1.2 * search.observation.noise) ** 2 + EXACT**2
-        self.systematic = float(np.sqrt(max(search.residual(at) ** 2 - known, 0.0)))
-        observation = search.observation
+    def look(self, base: Array, values: Array, residual: float) -> None:
+        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end.
+
+        `residual` is that of the configuration.
+        """
+        observation = self.search.observation
         # In a scene the outline is one of depth jumps, which sensors smear.
-        seen = observation.single_view and not observation.scene
+        if not observation.single_view or observation.scene:
+            return
+        known = (1.2 * observation.noise) ** 2 + EXACT**2
+        self.systematic = float(np.sqrt(max(residual**2 - known, 0.0)))
         # Noise takes points across thin parts, to whose far faces they are then nearer: counterparts are what the
         # sensor sees there. Errors that neighbours share bend the surface instead, and its normals tell what is where.
-        self.along_rays = seen and observation.noise > max(ACROSS, self.systematic / MOSTLY_SHARED)
-        if not (self.options.silhouette and seen) or self.systematic == 0:
+        self.along_rays = observation.noise > max(ACROSS, self.systematic / MOSTLY_SHARED)
+        if not self.options.silhouette or self.systematic == 0:
             return
-        raw = observation.raw
-        placements = np.ascontiguousarray(search.part_placements(at)[0])
-        distance = search.native.assign(raw, placements, search.exists.astype(np.uint8), ON_MODEL)[0]
-        on_model = distance < ON_MODEL
+        at = Candidates.single(base, values)
+        placements = self.search.part_placements(at)[0]
+        on_model = self.search.assigned(observation.raw, placements, self.search.exists, ON_MODEL)[0] < ON_MODEL
         if on_model.sum() > LEAST_OUTLINED:
-            self.silhouette = Silhouette(observation, raw, on_model)
+            self.silhouette = Silhouette(observation, observation.raw, on_model)
 
     def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
         """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
@@ -220,9 +221,12 @@ class JointLeastSquares:
         found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
         return found.normal_equations(self.systematic, self.options.most_silhouette, len(placements), centre)
 
-    def robust_scale(self, base: Array, values: Array) -> float:
-        """Return the scale of the robust kernel at a configuration: that of the noise or of the residuals."""
-        residual = self.search.residual(Candidates.single(base, values))
+    def residual(self, base: Array, values: Array) -> float:
+        """Return the robust standard deviation of the given points that lie on a configuration."""
+        return self.search.residual(Candidates.single(base, values))
+
+    def robust_scale(self, residual: float) -> float:
+        """Return the scale of the robust kernel: that of the noise or of the `residual` of a configuration."""
         noise = self.options.sigmas * self.search.observation.noise
         return max(self.options.least_sigma, noise, residual)
 
@@ -231,17 +235,13 @@ class JointLeastSquares:
 
         All twists are about the base's origin.
         """
-        metres = values * self.model.joint_scales
-        placements = self.model.part_placements(metres)
-        R = base[:3, :3]
-        # Pinocchio gives the velocity of each part's own origin.
-        J = self.model.part_jacobians(metres)
-        angular, linear = J[:, :3], J[:, 3:] + se3.skew(placements[:, :3, 3]) @ J[:, :3]
-        joints = np.concatenate([R @ angular, R @ linear / self.model.diagonal], axis=1) * self.model.joint_scales
-        placed = placements.copy()
-        placed[:, :3, 3] /= self.model.diagonal
-        full = np.concatenate([np.broadcast_to(np.eye(6), (len(J), 6, 6)), joints], axis=2)
-        return np.ascontiguousarray(base @ placed), full
+        placements, J = self.model.part_placements_and_twists(values * self.model.joint_scales)
+        placements[:, :3, 3] /= self.model.diagonal
+        turn = np.zeros((6, 6))
+        turn[:3, :3], turn[3:, 3:] = base[:3, :3], base[:3, :3] / self.model.diagonal
+        twists = np.empty((len(J), 6, 6 + len(values)))
+        twists[:, :, :6], twists[:, :, 6:] = np.eye(6), turn @ J * self.model.joint_scales
+        return base @ placements, twists
 
     def build(self, base: Array, values: Array, sigma: float) -> Problem:
         """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
@@ -290,16 +290,18 @@ class JointLeastSquares:
     def run(self, base: Array, values: Array) -> Solution:
         """Iterate from a configuration to convergence."""
         converged, iterations = False, 0
-        sigma = self.robust_scale(base, values)
+        residual = self.residual(base, values)
+        sigma = self.robust_scale(residual)
         if self.silhouette is None:
-            self.look(base, values)
+            self.look(base, values, residual)
         problem = self.build(base, values, sigma)
         while not converged and iterations < self.options.iterations:
             iterations += 1
             step = self.solve(problem, values)
             converged = problem.displacement(step) < self.options.tolerance
             base, values = self.stepped(base, values, step)
-            problem = self.build(base, values, sigma)
+            # The last step is so short that the problem before it is that at the end.
+            problem = problem if converged else self.build(base, values, sigma)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
 
     def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
@@ -332,9 +334,17 @@ def normal_matrix(J: Array, information: Array) -> Array:
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
     """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping."""
     size = len(g)
-    damped = H + np.diag(damping + 1e-4 * np.diag(H))
-    result = _quadratic_program(size)(h=damped, g=-g, lbx=low, ubx=high)
-    return np.asarray(result["x"], dtype=np.float64).ravel()
+    # Memory that the solver reads and writes: conversions to its own matrices take ten times as long as the problem.
+    x = np.empty(size)
+    given = {"h": H + np.diag(damping + 1e-4 * np.diag(H)), "g": -g, "lbx": low, "ubx": high}
+    numbers = {name: np.ascontiguousarray(values, np.float64).ravel() for name, values in given.items()}
+    solver = _quadratic_program(size)
+    buffer, evaluate = solver.buffer()
+    for name, values in numbers.items():
+        buffer.set_arg(solver.index_in(name), values.data)
+    buffer.set_res(solver.index_out("x"), x.data)
+    evaluate()
+    return x
 
 
 @lru_cache(maxsize=64)

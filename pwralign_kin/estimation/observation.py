@@ -234,13 +234,13 @@ def noise_of(points: Float, threads: int) -> float:
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
-        for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
-            near = kernels.nearest_neighbours(points, points[chosen], int(counts.max()), threads)[1]
-            across, along = _variances(points[near.T].astype(float), counts)
-            if along[0] > FLAT**2 * across[0]:
-                return _without_curvature(counts, across)
+        counts = np.union1d(NEIGHBOURS, 2 * NEIGHBOURS)
+        across, along = _variances(points, np.ascontiguousarray(points[chosen]), counts, threads)
+        for own in (np.isin(counts, NEIGHBOURS), np.isin(counts, 2 * NEIGHBOURS)):
+            if along[own][0] > FLAT**2 * across[own][0]:
+                return _without_curvature(counts[own], across[own])
         if len(points) < 2 * FEWEST:
-            return _without_curvature(counts, across)
+            return _without_curvature(counts[own], across[own])
         # Where the nearest neighbours lie within the noise, fewer points show the surface.
         points = at_most(points, len(points) // 2)
 
@@ -254,31 +254,11 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _variances(near: Array, counts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return per count k the median variances of neighbourhoods near[:k], (k, m, 3), across and along their planes."""
-    offsets = near - near[:1]
-    first, second = np.triu_indices(3)
-    sums = np.cumsum(offsets, axis=0)[counts - 1]
-    products = np.cumsum(offsets[..., first] * offsets[..., second], axis=0)[counts - 1]
-    freedom = counts - 3  # a plane takes three degrees of freedom of the neighbours' scatter
-    scatter = products - sums[..., first] * sums[..., second] / counts[:, None, None]
-    thin, wide = np.median(lower_eigenvalues(scatter / freedom[:, None, None]), axis=1).T
+def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array]:
+    """Return per count of neighbours the median variances across and along planes through so many about `chosen`."""
+    thin, wide = np.median(kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads), axis=-1).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
-    return thin / (1 - 2 / (9 * freedom)) ** 3, wide
-
-
-def lower_eigenvalues(matrices: Array) -> Array:
-    """Return the two lesser eigenvalues (..., 2), at least 0, of symmetric 3x3 matrices given by xx xy xz yy yz zz
-    (..., 6) (O. K. Smith, Communications of the ACM 4, 1961)."""
-    xx, xy, xz, yy, yz, zz = np.moveaxis(matrices, -1, 0)
-    mean = (xx + yy + zz) / 3
-    a, b, c = xx - mean, yy - mean, zz - mean
-    spread = np.sqrt((a**2 + b**2 + c**2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
-    determinant = a * (b * c - yz**2) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
-    angle = np.arccos(np.clip(determinant / np.maximum(2 * spread**3, 1e-300), -1.0, 1.0)) / 3
-    least = mean + 2 * spread * np.cos(angle + 2 * np.pi / 3)
-    middle = 3 * mean - least - (mean + 2 * spread * np.cos(angle))
-    return np.asarray(np.maximum(np.stack([least, middle], axis=-1), 0.0))
+    return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import dataclass, field, is_dataclass
+from typing import Any, Literal, get_args
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.face_hypotheses import FaceOptions
@@ -80,3 +80,8 @@ class EstimatorOptions:
             object.__setattr__(self, "region", checked_box(self.region, "region"))
         if self.near is not None:
             object.__setattr__(self, "near", tuple(checked_numbers(self.near, "near", (3,)).tolist()))
+
+
+def plain(options: Any) -> dict[str, Any]:
+    """Return options as nested plain values."""
+    return {name: plain(value) if is_dataclass(value) else value for name, value in vars(options).items()}

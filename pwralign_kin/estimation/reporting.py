@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +11,7 @@ from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observability import Doubt
 from pwralign_kin.estimation.observation import Observation
-from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.options import EstimatorOptions, plain
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -88,7 +86,7 @@ def reported(
         converged=solution.converged,
         iterations=solution.iterations,
         timings=dict(watch.seconds),
-        options=asdict(options),
+        options=plain(options),
         units={name: model.units[name] for name in names},
     )
 

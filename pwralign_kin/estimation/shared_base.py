@@ -324,9 +324,10 @@ class SharedLeastSquares:
             base = observations[0].to_scan(known.placement)
         values = [s.limited(start.values[0]) for s, start in zip(solvers, starts, strict=True)]
         bases = [o.to_search(base) for o in observations]
-        sigmas = [s.robust_scale(b, v) for s, b, v in zip(solvers, bases, values, strict=True)]
-        for solver, at, v in zip(solvers, bases, values, strict=True):
-            solver.look(at, v)
+        residuals = [s.residual(b, v) for s, b, v in zip(solvers, bases, values, strict=True)]
+        sigmas = [s.robust_scale(residual) for s, residual in zip(solvers, residuals, strict=True)]
+        for solver, at, v, residual in zip(solvers, bases, values, residuals, strict=True):
+            solver.look(at, v, residual)
         converged, iterations = not options.enabled, 0
         while True:
             bases = [o.to_search(base) for o in observations]

@@ -132,6 +132,6 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
         return solver.run(base, values)
     noise = FIRST_NOISE * solver.search.observation.noise if known is None else known.noise
     at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
-    problem: Problem = solver.build(at.base, at.values, solver.robust_scale(at.base, at.values))
+    problem: Problem = solver.build(at.base, at.values, solver.robust_scale(solver.residual(at.base, at.values)))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
     return Solution(se3.orthonormalised(at.base), at.values, problem, ended, steps)

@@ -430,7 +430,10 @@ class TreeSearch:
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
-        distance = self._distances(candidate, self.observation.given)
+        return self.residual_of(self._distances(candidate, self.observation.given))
+
+    def residual_of(self, distance: Float) -> float:
+        """Return the robust standard deviation of points that lie on the model, by the distances of all."""
         near = distance[distance < self.reach]
         # The median of a half-normal distribution is 0.6745 standard deviations.
         return float(np.median(near)) / 0.6745 if len(near) else 0.0

@@ -22,6 +22,9 @@ def local_planes(
 def nearest_neighbours(
     points: NDArray[np.float32], queries: NDArray[np.float32], count: int, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
+def neighbourhood_variances(
+    points: NDArray[np.float32], queries: NDArray[np.float32], sizes: Sequence[int], threads: int
+) -> NDArray[np.float64]: ...
 def openness(
     points: NDArray[np.float32], normals: NDArray[np.float32], cell: float, threads: int
 ) -> NDArray[np.float32]: ...

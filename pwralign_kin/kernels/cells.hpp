@@ -34,13 +34,17 @@ class Cells {
         });
     }
 
-    // Call f(first, last) for the rows of sorted points in the cells up to `rings` away from that of p.
-    template <typename F> void rows_about(Vec p, int rings, F &&f) const {
+    // Call f(first, last) for the rows of sorted points in the cells up to `rings` away from that of p. `hints`, one a row,
+    // are where the rows of the cell before began: what is asked in the order of the cells is found near to them.
+    template <typename F> void rows_about(Vec p, int rings, F &&f, std::vector<int64_t> *hints = nullptr) const {
         const int64_t cx = coordinate(p.x - origin.x), cy = coordinate(p.y - origin.y), cz = coordinate(p.z - origin.z);
+        if (hints) hints->resize((2 * rings + 1) * (2 * rings + 1), 0);
+        int row = 0;
         for (int64_t x = cx - rings; x <= cx + rings; ++x)
             for (int64_t y = cy - rings; y <= cy + rings; ++y) {
                 // The cells along z are neighbours in the sorted order.
-                const int64_t first = std::lower_bound(keys.begin(), keys.end(), pack(x, y, cz - rings)) - keys.begin();
+                const int64_t first = first_from(hints ? (*hints)[row] : 0, pack(x, y, cz - rings));
+                if (hints) (*hints)[row++] = first;
                 const uint64_t end = pack(x, y, cz + rings);
                 int64_t last = first;
                 while (last < int64_t(keys.size()) && keys[last] <= end) ++last;
@@ -75,6 +79,13 @@ class Cells {
             keys.swap(next_keys), order.swap(next_order);
         }
     }
+    // The first of the sorted keys that is no less than `key`, looked for in steps that double from a hint on.
+    int64_t first_from(int64_t hint, uint64_t key) const {
+        const int64_t size = int64_t(keys.size());
+        int64_t low = hint > 0 && keys[hint - 1] >= key ? 0 : hint, step = low > 0 ? 1 : size;
+        for (; low + step <= size && keys[low + step - 1] < key; step *= 2) low += step;
+        return std::lower_bound(keys.begin() + low, keys.begin() + std::min(size, low + step), key) - keys.begin();
+    }
     int64_t coordinate(float v) const { return int64_t(std::floor(v * inverse)); }
     static uint64_t pack(int64_t x, int64_t y, int64_t z) {
         const int64_t bias = 1 << 20;
@@ -88,13 +99,18 @@ class Cells {
 struct Surroundings {
     SplitPoints points;
     std::vector<int> order; // of each point, among all
+    std::vector<int64_t> hints;
 
     void look(const Cells &cells, Vec p, int rings) {
         points.clear(), order.clear();
+        if (rings != looked) hints.clear(), looked = rings;
         cells.rows_about(p, rings, [&](int64_t first, int64_t last) {
             for (int64_t at = first; at < last; ++at) points.push(cells.sorted[at]), order.push_back(cells.order[at]);
-        });
+        }, &hints);
     }
+
+  private:
+    int looked = 0;
 };
 
 } // namespace pwr

@@ -226,6 +226,51 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
     return out;
 }
 
+// The two lesser eigenvalues, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith, Communications of the
+// ACM 4, 1961).
+static std::pair<double, double> lower_eigenvalues(const double *m) {
+    const double mean = (m[0] + m[3] + m[5]) / 3, a = m[0] - mean, b = m[3] - mean, c = m[5] - mean;
+    const double xy = m[1], xz = m[2], yz = m[4];
+    const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
+    const double determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
+    const double cosine = determinant / std::max(2 * spread * spread * spread, 1e-300);
+    const double angle = std::acos(std::clamp(cosine, -1., 1.)) / 3;
+    const double least = mean + 2 * spread * std::cos(angle + 2 * M_PI / 3);
+    const double middle = 3 * mean - least - (mean + 2 * spread * std::cos(angle));
+    return {std::max(least, 0.), std::max(middle, 0.)};
+}
+
+std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,
+                                            const std::vector<int> &sizes, int threads) {
+    std::vector<double> out(2 * sizes.size() * asked);
+    if (sizes.empty()) return out;
+    const Neighbours near = nearest_neighbours(points, count, queries, asked, sizes.back(), threads);
+    const int64_t block = 64;
+    auto measure = [&](int64_t q) {
+        double sums[3] = {}, products[6] = {};
+        int k = 0;
+        for (size_t s = 0; s < sizes.size(); ++s) {
+            for (; k < std::min(sizes[s], near.each); ++k) {
+                const Vec p = points[near.point[q * near.each + k]];
+                const double d[3] = {double(p.x) - queries[q].x, double(p.y) - queries[q].y, double(p.z) - queries[q].z};
+                for (int a = 0, i = 0; a < 3; ++a) {
+                    sums[a] += d[a];
+                    for (int b = a; b < 3; ++b, ++i) products[i] += d[a] * d[b];
+                }
+            }
+            double scatter[6];
+            for (int a = 0, i = 0; a < 3; ++a)
+                for (int b = a; b < 3; ++b, ++i) scatter[i] = (products[i] - sums[a] * sums[b] / k) / (k - 3);
+            const auto [thin, wide] = lower_eigenvalues(scatter);
+            out[2 * s * asked + q] = thin, out[(2 * s + 1) * asked + q] = wide;
+        }
+    };
+    parallel_for((asked + block - 1) / block, threads, [&](int64_t b) {
+        for (int64_t q = b * block; q < std::min(asked, (b + 1) * block); ++q) measure(q);
+    });
+    return out;
+}
+
 Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials,
                      uint64_t seed) {
     Plane best{{0, 0, 0}, 0, 0};

@@ -24,6 +24,12 @@ struct Neighbours {
 };
 Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k, int threads);
 
+// Of the neighbourhoods of some of the points, each of the nearest `sizes` (ascending) with the point itself, the two
+// lesser eigenvalues of their scatter over its degrees of freedom: a plane takes three. In the order of sizes, then
+// thin and wide, then queries.
+std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,
+                                            const std::vector<int> &sizes, int threads);
+
 // How open each point's positive normal side is: sum over directions of free * (direction . normal), by marching
 // through the occupancy of the cloud. Negative: the normal points inwards.
 std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads);

@@ -114,10 +114,20 @@ struct Normal {
     void add_plane(Vec r, Vec n, float residual, float w) {
         const Vec m = cross(r, n);
         const float a[6] = {m.x, m.y, m.z, n.x, n.y, n.z};
+        // Whole rows of the first four columns at a time: what is below the diagonal is overwritten by `mirror`.
+        using Floats = float __attribute__((vector_size(16)));
+        using Doubles = double __attribute__((vector_size(32)));
+        const Floats first{a[0], a[1], a[2], a[3]};
         for (int i = 0; i < 6; ++i) {
             const float wa = w * a[i];
             g[i] += wa * residual;
-            for (int j = i; j < 6; ++j) H[6 * i + j] += wa * a[j];
+            if (i < 4) {
+                Doubles row;
+                std::memcpy(&row, &H[6 * i], sizeof(row));
+                row += __builtin_convertvector(wa * first, Doubles);
+                std::memcpy(&H[6 * i], &row, sizeof(row));
+            }
+            for (int j = std::max(i, 4); j < 6; ++j) H[6 * i + j] += wa * a[j];
         }
     }
     // Residual vector d of a point at arm r, weight w (point to point).

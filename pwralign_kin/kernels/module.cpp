@@ -146,6 +146,15 @@ void bind_clouds(nb::module_ &m) {
         const size_t asked = queries.shape(0), each = near.each;
         return nb::make_tuple(to_numpy(std::move(near.distance), {asked, each}), to_numpy(std::move(near.point), {asked, each}));
     }, "points"_a, "queries"_a, "count"_a, "threads"_a);
+    m.def("neighbourhood_variances", [](Points points, Points queries, const std::vector<int> &sizes, int threads) {
+        require(!sizes.empty() && sizes.front() > 3 && sizes.back() <= int64_t(points.shape(0)), "a neighbourhood has more than three of the points");
+        std::vector<double> variances;
+        {
+            nb::gil_scoped_release release;
+            variances = neighbourhood_variances(vectors(points), points.shape(0), vectors(queries), queries.shape(0), sizes, threads);
+        }
+        return to_numpy(std::move(variances), {sizes.size(), 2, queries.shape(0)});
+    }, "points"_a, "queries"_a, "sizes"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
         nb::gil_scoped_release release;

@@ -254,6 +254,13 @@ class ArticulatedModel:
         """Return (n_parts, 4, 4) placements of the parts in the root frame for the actuated values (k,)."""
         return self.kinematics.placements(self._checked(values))
 
+    def part_placements_and_twists(self, values: Array) -> tuple[Array, Array]:
+        """Return part placements (n_parts, 4, 4), and derivatives (n_parts, 6, k) of the parts' twists, by values (k,).
+
+        Rows 0-2: angular velocity; rows 3-5: linear velocity of what is at the root's origin; both in root axes.
+        """
+        return self.kinematics.placements_and_twists(self._checked(values))
+
     def part_jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k) derivatives of the parts' twists by the actuated values (k,).
 

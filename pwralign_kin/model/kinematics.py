@@ -16,7 +16,7 @@ import numpy as np
 from pwralign_kin.dependencies import pinocchio
 from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model.part_graph import MovingJoint
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, skew
 
 
 class Kinematics:
@@ -52,6 +52,11 @@ class Kinematics:
         self._circle = np.array([joint.nq == 2 for joint in pinocchio_joints], dtype=bool)
         self._dv_du = np.zeros((self.model.nv, actuated))
         self._dv_du[self._idx_v] = self.A
+        self._supports = np.zeros((len(self.ids), self.model.nv))
+        for part, index in enumerate(self.ids):
+            for joint in self.model.supports[int(index)]:
+                first = self.model.joints[joint].idx_v
+                self._supports[part, first : first + self.model.joints[joint].nv] = joint > 0
         self._workspace = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -70,18 +75,27 @@ class Kinematics:
         """Return (n_parts, 4, 4) placements of the parts in the root link's frame."""
         data = self._data()
         pinocchio().forwardKinematics(self.model, data, self.configuration(values))
-        return np.array([data.oMi[int(index)].homogeneous for index in self.ids])
+        return self._placed(data)
+
+    def placements_and_twists(self, values: Array) -> tuple[Array, Array]:
+        """Return (n_parts, 4, 4) placements, and (n_parts, 6, k) twists of the parts by the actuated values.
+
+        Rows 0-2 are angular, 3-5 linear velocity of what is at the root link's origin, root axes.
+        """
+        data = self._data()
+        # Each column is the twist of one joint; a part has those of the joints between it and the root.
+        columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
+        twists = np.concatenate([columns[3:], columns[:3]]) * self._supports[:, None]
+        return self._placed(data), (twists.reshape(-1, self.model.nv) @ self._dv_du).reshape(len(self.ids), 6, -1)
 
     def jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""
-        library, data = pinocchio(), self._data()
-        library.computeJointJacobians(self.model, data, self.configuration(values))
-        frame = library.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        J = np.zeros((len(self.ids), 6, self.model.nv))
-        for part, index in enumerate(self.ids[1:], start=1):
-            # With a single velocity Pinocchio returns a vector.
-            J[part] = library.getJointJacobian(self.model, data, int(index), frame).reshape(6, -1)
-        return np.roll(J, 3, axis=1) @ self._dv_du  # Pinocchio puts the linear rows first
+        placements, J = self.placements_and_twists(values)
+        J[:, 3:] -= skew(placements[:, :3, 3]) @ J[:, :3]
+        return J
+
+    def _placed(self, data: Any) -> Array:
+        return np.array([data.oMi[int(index)].homogeneous for index in self.ids])
 
     def _data(self) -> Any:
         """Pinocchio's workspace, one a thread: making one costs as much as the kinematics."""

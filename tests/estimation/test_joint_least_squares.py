@@ -108,12 +108,13 @@ def test_the_robust_scale_follows_noise_and_residuals(
     arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan
 ) -> None:
     base, values = truth(arm, search, full_scan)
-    right = solver(arm, search).robust_scale(base, values)
+    usual = solver(arm, search)
+    right = usual.residual(base, values)
     off = base.copy()
     off[:3, 3] += 0.01
-    assert right < 0.008
-    assert solver(arm, search).robust_scale(off, values) > right
-    assert solver(arm, search, sigmas=20.0).robust_scale(base, values) > 0.02
+    assert usual.robust_scale(right) < 0.008
+    assert usual.robust_scale(usual.residual(off, values)) > usual.robust_scale(right)
+    assert solver(arm, search, sigmas=20.0).robust_scale(right) > 0.02
 
 
 def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:

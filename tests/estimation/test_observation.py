@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.observation import Observation, ObservationOptions, lower_eigenvalues, observe
+from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe
 from pwralign_kin.exceptions import ScanError
 
 RNG = np.random.default_rng(0)
@@ -97,11 +97,3 @@ def test_a_hall_around_a_small_model_asks_for_a_crop() -> None:
     hall = RNG.uniform(-30, 30, (200000, 3))
     with pytest.raises(ScanError, match="crop"):
         prepared(hall)
-
-
-def test_the_lower_eigenvalues_are_those_of_the_matrix() -> None:
-    factors = RNG.normal(size=(200, 3, 3)) * [1.0, 0.3, 1e-3]
-    matrices = np.concatenate([factors @ np.swapaxes(factors, 1, 2), np.eye(3)[None], np.zeros((1, 3, 3))])
-    row, column = np.triu_indices(3)
-    found = lower_eigenvalues(matrices[:, row, column])
-    np.testing.assert_allclose(found, np.linalg.eigvalsh(matrices)[:, :2], rtol=1e-6, atol=1e-12)

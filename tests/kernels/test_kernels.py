@@ -57,6 +57,21 @@ def test_voxel_means_are_the_means_of_their_points() -> None:
         np.testing.assert_allclose(means[i], points[cell == i].mean(axis=0), atol=1e-5)
 
 
+def test_neighbourhood_variances_are_eigenvalues_of_the_scatter() -> None:
+    flat = cloud(300, seed=5) * np.array([1.0, 0.5, 1e-3], np.float32)
+    line = np.outer(np.arange(40, dtype=np.float32), [1.0, 0.0, 0.0]) + np.float32(50.0)
+    points = np.concatenate([flat, line]).astype(np.float32)
+    sizes = [6, 9]
+    found = kernels.neighbourhood_variances(points, points, sizes, 1)
+    order = np.argsort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1, kind="stable")
+    for row, size in zip(found, sizes, strict=True):
+        near = points[order[: len(flat), :size]].astype(float)  # on the line many are equally far
+        off = near - near.mean(axis=1, keepdims=True)
+        expected = np.linalg.eigvalsh(np.swapaxes(off, 1, 2) @ off / (size - 3))[:, :2]
+        np.testing.assert_allclose(row[:, : len(flat)].T, expected, rtol=1e-5, atol=1e-12)
+        assert (row[:, len(flat) :] < 1e-6).all()
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(("count", "asked", "each"), [(4000, 500, 7), (300, 300, 24), (5, 40, 9)])
 def test_nearest_neighbours_match_brute_force(count: int, asked: int, each: int, threads: int) -> None:
