@@ -12,6 +12,7 @@ from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
 from pwralign_kin.estimation import confidence
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.se3 import Array
 
 Groups = Mapping[str, Sequence[Outcome]]
@@ -163,8 +164,8 @@ def foreign_table(outcomes: Sequence[Outcome]) -> str:
     return markdown(heads, rows)
 
 
-def _evidence(outcome: Outcome) -> confidence.Evidence:
-    return confidence.Evidence(**{name: outcome.evidence[name] for name in confidence.Evidence.__dataclass_fields__})
+def _evidence(outcome: Outcome) -> Evidence:
+    return Evidence(**{name: outcome.evidence[name] for name in Evidence.__dataclass_fields__})
 
 
 def reliability_diagram(groups: Groups) -> bytes:

@@ -1,6 +1,6 @@
 """From model and scan to `Estimate`."""
 
-from pwralign_kin.estimation.confidence import Evidence
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher, Matcher
 from pwralign_kin.estimation.entry import calibrate, estimate
 from pwralign_kin.estimation.options import EstimatorOptions

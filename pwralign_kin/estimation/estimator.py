@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answer_search import EFFORTS, AnswerSearch, finest, total_coverage
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.confidence import confidence, gathered
+from pwralign_kin.estimation.confidence import confidence
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
+from pwralign_kin.estimation.evidence import gathered
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.joint_profile import profiled
 from pwralign_kin.estimation.likelihood import likeliest

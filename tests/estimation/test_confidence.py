@@ -9,7 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.confidence import Evidence, confidence, gathered
+from pwralign_kin.estimation.confidence import confidence
+from pwralign_kin.estimation.evidence import Evidence, gathered
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
