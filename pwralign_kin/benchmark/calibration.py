@@ -143,11 +143,11 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "strange and not borne out", "borne out",
-        "right: intercept", "nearby", "lacking", "uneven", "margin",
+        "present: intercept", "strange or astray", "borne out",
+        "right: intercept", "nearby", "lacking", "uneven", "distinct",
     )  # fmt: skip
     found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])
-    in_use = (*confidence.PRESENT, *confidence.COEFFICIENTS)
+    in_use = (*confidence.PRESENT, *confidence.RIGHT)
     rows = [[name, f"{own:.2f}", f"{used:.2f}"] for name, own, used in zip(names, found, in_use, strict=True)]
     return markdown(["coefficient of", " fitted", " in use"], rows)
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence import Evidence, logistic
 
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
-PRESENT = (8.23, 9.19, 4.02)
+PRESENT = (-5.05, -4.31, 2.15)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-COEFFICIENTS = (-0.27, -1.34, -0.67, -2.65, 1.35)
+RIGHT = (-2.34, -0.32, -0.48, -0.6, 0.29)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
-twelve robots and to scans of something else."""
+seventeen models and to scans of something else."""
 
 
 def confidence(evidence: Evidence) -> float:
@@ -24,33 +24,28 @@ def confidence(evidence: Evidence) -> float:
     logistic regressions. It fades to nothing where the points fill a volume.
     """
     surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
-    present = _logistic(PRESENT, presence_features(evidence))
-    return float(surface * present * _logistic(COEFFICIENTS, features(evidence)))
+    present = logistic(PRESENT, presence_features(evidence))
+    return float(surface * present * logistic(RIGHT, features(evidence)))
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (2,).
 
-    Strange points count the more, the less of the model is borne out: masks leak and sensors bend surfaces, and parts
-    that a scan lacks bear nothing out, but neither does both.
+    Whatever lies on or near the model should be of it, to within the noise, but masks leak and sensors bend surfaces;
+    little of the model may be seen, but not nothing.
     """
-    borne_out = np.clip(evidence.borne_out, 0.05, 0.5)
-    strange = 3.0 * np.sqrt(min(evidence.strange, 0.3))
-    return np.array([strange * np.log(borne_out / 0.5), np.log(min(borne_out, 0.3))])
+    unlike = np.clip(evidence.strange + evidence.astray, 0.05, 0.5)
+    return np.array([np.log(unlike), np.log(np.clip(evidence.borne_out, 0.01, 0.2))])
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a right answer from a wrong one (4,): logarithms, for the first doubts weigh most, within the
-    range that simulated scans tell apart."""
+    """Return what tells a right answer from a wrong one (4,), within the range that simulated scans tell apart:
+    logarithms, for the first doubts weigh most, and standard deviations."""
     return np.array(
         [
             np.log(min(evidence.nearby, 0.05) + 0.005),
             np.log(evidence.lacking + 0.01),
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
-            np.log(np.clip(evidence.margin, -0.004, 0.1) + 0.006),
+            np.clip(evidence.distinct, -8.0, 8.0),
         ]
     )
-
-
-def _logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
-    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))

@@ -23,6 +23,9 @@ MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
 PROBES = 40
 """Samples of each part that are compared."""
+BLUR, REACH = 0.012, 0.06
+"""Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
+when answer and rivals are told apart."""
 ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 
@@ -46,6 +49,10 @@ class Evidence:
     """Score by which the answer is better than the best rival: another answer that the search found, or this one with
     one joint moved, that takes a seen part off the surface. Negative where the rival is better."""
 
+    distinct: float
+    """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
+    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
+
     noise: float
     """Standard deviation of the scan points from their local planes, model diagonals."""
 
@@ -55,6 +62,10 @@ class Evidence:
     strange: float
     """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
     model, as `nearby`."""
+
+    astray: float
+    """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
+    sensor."""
 
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
@@ -75,16 +86,26 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     alike = explained & _alike(search, placements, part, sample)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
+    well = areas[explained & (distance <= search.noise_reach)].sum()
+    astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
+    margin, distinct = _margins(search, final, others, points)
     return Evidence(
         float(nearby),
         float(lacking),
         _uneven(search, final),
-        _margin(search, final, others, points),
+        margin,
+        distinct,
         observation.noise,
         confirmed * float(shares @ weights) / float(weights.sum()),
         float(strange),
+        float(astray),
     )
+
+
+def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
+    """Return the chance in [0, 1] that `coefficients` of 1 and of `values` make."""
+    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
 
 
 def _alike(
@@ -115,16 +136,33 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 
 
-def _margin(search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]) -> float:
-    """Return how much better the answer scores than its best rival; 1 without any."""
+def _margins(
+    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Return how much better the answer is than its best rival, by score and in standard deviations.
+
+    Without any rival, 1 and what is the most that so many points can tell.
+    """
     moved = _with_joints_moved(search, final, points)
     rivals = Candidates.concatenate([others, moved.best_first()])
     apart = np.flatnonzero(_departures(search, final, rivals, np.flatnonzero(points >= LEAST_POINTS)) > APART)
     several = int((apart < len(others)).sum()) + RIVALS
     if len(apart) == 0:
-        return 1.0
-    scores = search.scored(Candidates.concatenate([final, rivals.take(apart[:several])]))[0].scores
-    return float(scores[0] - scores[1:].max())
+        return 1.0, float(np.sqrt(len(search.observation.given)))
+    compared = Candidates.concatenate([final, rivals.take(apart[:several])])
+    scores = search.scored(compared)[0].scores
+    return float(scores[0] - scores[1:].max()), _distinctness(search, compared)
+
+
+def _distinctness(search: TreeSearch, compared: Candidates) -> float:
+    """Return by how many standard deviations the points speak for the first candidate against the best other."""
+    given = search.observation.given
+    blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
+    placements = search.part_placements(compared)
+    distances = np.array([search.assigned(given, T, search.exists, REACH)[0] for T in placements])
+    explained = np.exp(-0.5 * (distances / blur) ** 2)
+    gains = explained[0] - explained[1:]
+    return float((gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9)).min())
 
 
 def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence import Evidence, logistic
 
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
@@ -22,7 +22,7 @@ def soundness(evidence: Evidence) -> float:
     when the confidence is fitted anew.
     """
     surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
-    return float(surface * _logistic(PRESENT, _presence(evidence)) * _logistic(RIGHT, _rightness(evidence)))
+    return float(surface * logistic(PRESENT, _presence(evidence)) * logistic(RIGHT, _rightness(evidence)))
 
 
 def _presence(evidence: Evidence) -> NDArray[np.float64]:
@@ -42,7 +42,3 @@ def _rightness(evidence: Evidence) -> NDArray[np.float64]:
             np.log(np.clip(evidence.margin, -0.004, 0.1) + 0.006),
         ]
     )
-
-
-def _logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
-    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))

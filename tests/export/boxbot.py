@@ -124,7 +124,9 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         scan_labels=labels,
         undetermined=("wrist",),
         std={name: np.inf if name == "wrist" else 1e-3 for name in model.joint_names},
-        evidence=Evidence(nearby=0.0, lacking=0.0, uneven=1.0, margin=0.1, noise=0.002, borne_out=0.6, strange=0.0),
+        evidence=Evidence(
+            0.0, 0.0, uneven=1.0, margin=0.1, distinct=8.0, noise=0.002, borne_out=0.6, strange=0.0, astray=0.0
+        ),
         covariance=np.zeros((size, size)),
         alternatives=(),
         converged=True,
