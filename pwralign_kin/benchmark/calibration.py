@@ -19,8 +19,6 @@ Groups = Mapping[str, Sequence[Outcome]]
 
 HASTY_WEIGHT = 0.5
 """How much an answer of the hasty search counts in the fit, against one of the search as it comes."""
-FOREIGN_WEIGHT = 0.5
-"""How much a scan of something else counts: they are rarer in use than in the fit."""
 RIDGE, PRESENCE_RIDGE = 1.0, 0.1
 """Inverse variance of the coefficients before any answer is looked at; scans of something else are nearly all told."""
 
@@ -120,11 +118,10 @@ def fitted(outcomes: Sequence[Outcome]) -> Array:
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (3,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (4,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
-    weights = np.where(there > 0.0, 1.0, FOREIGN_WEIGHT)
-    return _logistic_regression(values, there, weights, PRESENCE_RIDGE)
+    return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
 
 
 def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Array, least: float) -> Array:
@@ -143,7 +140,7 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "strange or astray", "borne out",
+        "present: intercept", "unlike and not borne out", "borne out", "distinct",
         "right: intercept", "nearby", "lacking", "uneven", "distinct",
     )  # fmt: skip
     found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])

@@ -9,9 +9,9 @@ from pwralign_kin.estimation.evidence import Evidence, logistic
 
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
-PRESENT = (-5.05, -4.31, 2.15)
+PRESENT = (6.62, 3.63, 2.08, 0.59)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-RIGHT = (-2.34, -0.32, -0.48, -0.6, 0.29)
+RIGHT = (-3.91, -0.73, -0.63, -1.9, 0.27)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
 seventeen models and to scans of something else."""
@@ -29,13 +29,20 @@ def confidence(evidence: Evidence) -> float:
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a scan of the model from one of something else (2,).
+    """Return what tells a scan of the model from one of something else (3,).
 
-    Whatever lies on or near the model should be of it, to within the noise, but masks leak and sensors bend surfaces;
-    little of the model may be seen, but not nothing.
+    What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
+    out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
+    something else, many answers are about as good.
     """
-    unlike = np.clip(evidence.strange + evidence.astray, 0.05, 0.5)
-    return np.array([np.log(unlike), np.log(np.clip(evidence.borne_out, 0.01, 0.2))])
+    unlike = 10.0 * min(evidence.strange + evidence.astray, 0.4)
+    return np.array(
+        [
+            unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.5) / 0.5),
+            np.log(np.clip(evidence.borne_out, 0.01, 0.2)),
+            np.clip(evidence.distinct, -8.0, 4.0),
+        ]
+    )
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
@@ -46,6 +53,6 @@ def features(evidence: Evidence) -> NDArray[np.float64]:
             np.log(min(evidence.nearby, 0.05) + 0.005),
             np.log(evidence.lacking + 0.01),
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
-            np.clip(evidence.distinct, -8.0, 8.0),
+            np.clip(evidence.distinct, -8.0, 12.0),
         ]
     )

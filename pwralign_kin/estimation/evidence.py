@@ -30,6 +30,11 @@ ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 
 
+ASTRAY = 0.2
+"""Distance from the model, as a share of the points' spacing, within which none is astray: between points so sparse,
+noise passes for curvature of the surface."""
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What speaks for and against an answer."""
@@ -86,7 +91,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     alike = explained & _alike(search, placements, part, sample)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
-    well = areas[explained & (distance <= search.noise_reach)].sum()
+    well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
     margin, distinct = _margins(search, final, others, points)

@@ -83,8 +83,8 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"distinct": 0.0},
         {"noise": 0.03},
         {"borne_out": 0.1},
-        {"strange": 0.3},
-        {"astray": 0.3},
+        {"borne_out": 0.3, "strange": 0.3},
+        {"borne_out": 0.3, "astray": 0.3},
     ],
     ids=lambda worse: " ".join(worse),
 )
