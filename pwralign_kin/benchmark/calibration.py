@@ -12,14 +12,13 @@ from pwralign_kin.benchmark.pictures import as_png
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
 from pwralign_kin.estimation import confidence
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.se3 import Array
 
 Groups = Mapping[str, Sequence[Outcome]]
 
 HASTY_WEIGHT = 0.5
 """How much an answer of the hasty search counts in the fit, against one of the search as it comes."""
-FOREIGN_WEIGHT = 0.5
-"""How much a scan of something else counts: they are rarer in use than in the fit."""
 RIDGE, PRESENCE_RIDGE = 1.0, 0.1
 """Inverse variance of the coefficients before any answer is looked at; scans of something else are nearly all told."""
 
@@ -119,11 +118,10 @@ def fitted(outcomes: Sequence[Outcome]) -> Array:
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (3,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (4,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
-    weights = np.where(there > 0.0, 1.0, FOREIGN_WEIGHT)
-    return _logistic_regression(values, there, weights, PRESENCE_RIDGE)
+    return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
 
 
 def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Array, least: float) -> Array:
@@ -142,11 +140,11 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "strange and not borne out", "borne out",
-        "right: intercept", "nearby", "lacking", "uneven", "margin",
+        "present: intercept", "unlike and not borne out", "borne out", "distinct",
+        "right: intercept", "nearby", "lacking", "uneven", "distinct",
     )  # fmt: skip
     found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])
-    in_use = (*confidence.PRESENT, *confidence.COEFFICIENTS)
+    in_use = (*confidence.PRESENT, *confidence.RIGHT)
     rows = [[name, f"{own:.2f}", f"{used:.2f}"] for name, own, used in zip(names, found, in_use, strict=True)]
     return markdown(["coefficient of", " fitted", " in use"], rows)
 
@@ -163,8 +161,8 @@ def foreign_table(outcomes: Sequence[Outcome]) -> str:
     return markdown(heads, rows)
 
 
-def _evidence(outcome: Outcome) -> confidence.Evidence:
-    return confidence.Evidence(**{name: outcome.evidence[name] for name in confidence.Evidence.__dataclass_fields__})
+def _evidence(outcome: Outcome) -> Evidence:
+    return Evidence(**{name: outcome.evidence[name] for name in Evidence.__dataclass_fields__})
 
 
 def reliability_diagram(groups: Groups) -> bytes:

@@ -49,10 +49,10 @@ ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
 """Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""
 
 FIT_ROBOTS = (
-    "panda", "ur5", "z1", "allegro", "solo12", "go2", "pendulum", "quadruped", "kinova", "finger_edu", "cubebot",
-    "excavator",
+    "panda", "ur5", "z1", "allegro", "solo12", "go2", "pendulum", "quadruped", "twodof", "kinova", "finger_edu",
+    "cubebot", "viking_lander", "excavator", "cabinet", "door", "laptop",
 )  # fmt: skip
-"""What the confidence is fitted to: arms, hands, legs, boxes; none of the robots drawn by lot."""
+"""What the confidence is fitted to: arms, hands, legs, boxes, plates; none of the robots drawn by lot."""
 
 CORRESPONDENCE_TIERS = ("full", "single")
 OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))

@@ -1,8 +1,8 @@
 """From model and scan to `Estimate`."""
 
-from pwralign_kin.estimation.confidence import Evidence
 from pwralign_kin.estimation.correspondences import Correspondences, FpfhMatcher
 from pwralign_kin.estimation.entry import calibrate, estimate
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import BasePrior
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.confidence import confidence, gathered
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.evidence import gathered
 from pwralign_kin.estimation.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
 from pwralign_kin.estimation.scene_search import is_convincing, search_regions, unlike
+from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -45,8 +46,8 @@ REREADINGS, READINGS = 3, 5
 """How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
 """... as long as the scores that answers are ranked by gain this, ..."""
-SURE = 0.85
-"""... and unless it has this confidence."""
+SOUND = 0.85
+"""... and unless it is this sound."""
 SAMPLING, ANYWHERE, FINEST_REACH = 0.002, 0.02, 0.06
 """Distance (model diagonals) that samples of the surface leave beside the noise, density of points that are not on the
 model against that of the noise at its peak, and distance beyond which all are alike."""
@@ -223,7 +224,7 @@ class AnswerSearch:
                 answers.append(self._repaired_one_by_one(left))
             repaired.append(answers[-1])
             best = self._distinct(answers)
-            if self._confidence(self.search, best) >= options.confident:
+            if self._soundness(self.search, best) >= options.sound:
                 break
         return best
 
@@ -253,9 +254,9 @@ class AnswerSearch:
         return solutions
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise until it is sure, and repair what comes out."""
+        """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
         for _ in range(REREADINGS):
-            if search.observation.scene or self._confidence(search, solutions) >= SURE:
+            if search.observation.scene or self._soundness(search, solutions) >= SOUND:
                 break
             best = self._read_otherwise(search, solutions.take([0]))
             if best is None:
@@ -286,9 +287,9 @@ class AnswerSearch:
             best = better
         return search.scored(best)[0] if best is not start else None
 
-    def _confidence(self, search: TreeSearch, solutions: Candidates) -> float:
-        """Return the confidence in the best of several solutions."""
-        return confidence(gathered(search, solutions.take([0]), solutions))
+    def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
+        """Return how sound the best of several solutions is."""
+        return soundness(gathered(search, solutions.take([0]), solutions))
 
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)

@@ -1,100 +1,20 @@
-"""How far the evidence speaks for an answer: a few figures that mean the same for any model and scan, and the
-chance that an answer with such figures is right, from simulated scans."""
+"""The chance that an answer is right, from the evidence for and against it: fitted to simulated scans."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.se3 import Array
-
-LEAST_POINTS = 8
-"""Scan points that a part must explain to count as seen, ..."""
-LEAST_RESIDUALS = 25
-"""... and for its residual to be compared with that of the others."""
-HARDLY = 0.3
-"""A part that explains less than this, against the average of all parts, explains hardly anything."""
-APART = 0.015
-"""Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival."""
-MODES, RIVALS = 3, 8
-"""Values of each joint that are tried, and the best rivals that are compared with the answer."""
-PROBES = 40
-"""Samples of each part that are compared."""
+from pwralign_kin.estimation.evidence import Evidence, logistic
 
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
-ALIKE = 0.7
-"""Cosine between the normals of a scan point and of the model there, from which they agree."""
-PRESENT = (8.23, 9.19, 4.02)
+PRESENT = (6.62, 3.63, 2.08, 0.59)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-COEFFICIENTS = (-0.27, -1.34, -0.67, -2.65, 1.35)
+RIGHT = (-3.91, -0.73, -0.63, -1.9, 0.27)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
-twelve robots and to scans of something else."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What speaks for and against an answer."""
-
-    nearby: float
-    """Share of the scan that lies near the model without being explained by it. Whatever else the scan holds is
-    mostly farther away."""
-
-    lacking: float
-    """Share of the model's surface in parts that explain hardly anything, against the average of all parts."""
-
-    uneven: float
-    """Largest residual of a part over that of all points on the model: noise and bias of the sensor are in both. 1 in
-    a scene, where other things touch the model."""
-
-    margin: float
-    """Score by which the answer is better than the best rival: another answer that the search found, or this one with
-    one joint moved, that takes a seen part off the surface. Negative where the rival is better."""
-
-    noise: float
-    """Standard deviation of the scan points from their local planes, model diagonals."""
-
-    borne_out: float
-    """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
-
-    strange: float
-    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
-    model, as `nearby`."""
-
-
-def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
-    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
-    observation = search.observation
-    placements = np.ascontiguousarray(search.part_placements(final)[0])
-    distance, part, sample = search.native.assign(
-        observation.points, placements, search.exists.astype(np.uint8), search.options.near
-    )
-    explained = distance <= search.reach
-    areas = observation.areas * search.searched
-    nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
-    owners = np.where(explained & search.searched, part, -1)
-    shares = np.minimum(search.explained_shares(owners), 1.0)
-    weights = search.weights * search.exists
-    lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
-    on_model = areas[explained].sum() / areas.sum()
-    alike = explained & _alike(search, placements, part, sample)
-    confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
-    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
-    points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
-    return Evidence(
-        float(nearby),
-        float(lacking),
-        _uneven(search, final),
-        _margin(search, final, others, points),
-        observation.noise,
-        confirmed * float(shares @ weights) / float(weights.sum()),
-        float(strange),
-    )
+seventeen models and to scans of something else."""
 
 
 def confidence(evidence: Evidence) -> float:
@@ -104,124 +24,35 @@ def confidence(evidence: Evidence) -> float:
     logistic regressions. It fades to nothing where the points fill a volume.
     """
     surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
-    present = _logistic(PRESENT, presence_features(evidence))
-    return float(surface * present * _logistic(COEFFICIENTS, features(evidence)))
+    present = logistic(PRESENT, presence_features(evidence))
+    return float(surface * present * logistic(RIGHT, features(evidence)))
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a scan of the model from one of something else (2,).
+    """Return what tells a scan of the model from one of something else (3,).
 
-    Strange points count the more, the less of the model is borne out: masks leak and sensors bend surfaces, and parts
-    that a scan lacks bear nothing out, but neither does both.
+    What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
+    out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
+    something else, many answers are about as good.
     """
-    borne_out = np.clip(evidence.borne_out, 0.05, 0.5)
-    strange = 3.0 * np.sqrt(min(evidence.strange, 0.3))
-    return np.array([strange * np.log(borne_out / 0.5), np.log(min(borne_out, 0.3))])
+    unlike = 10.0 * min(evidence.strange + evidence.astray, 0.4)
+    return np.array(
+        [
+            unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.5) / 0.5),
+            np.log(np.clip(evidence.borne_out, 0.01, 0.2)),
+            np.clip(evidence.distinct, -8.0, 4.0),
+        ]
+    )
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a right answer from a wrong one (4,): logarithms, for the first doubts weigh most, within the
-    range that simulated scans tell apart."""
+    """Return what tells a right answer from a wrong one (4,), within the range that simulated scans tell apart:
+    logarithms, for the first doubts weigh most, and standard deviations."""
     return np.array(
         [
             np.log(min(evidence.nearby, 0.05) + 0.005),
             np.log(evidence.lacking + 0.01),
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
-            np.log(np.clip(evidence.margin, -0.004, 0.1) + 0.006),
-        ]
-    )
-
-
-def _logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
-    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
-
-
-def _alike(
-    search: TreeSearch, placements: Array, part: NDArray[np.int32], sample: NDArray[np.int32]
-) -> NDArray[np.bool_]:
-    """Return which scan points are oriented like the nearest sample of the part that is nearest to them."""
-    alike = np.zeros(len(part), bool)
-    for index, surface in enumerate(search.surfaces):
-        own = part == index
-        if not own.any():
-            continue
-        normals = surface.dense_normals[sample[own]] @ placements[index, :3, :3].T
-        alike[own] = np.abs(np.einsum("ij,ij->i", normals, search.observation.normals[own])) >= ALIKE
-    return alike
-
-
-def _uneven(search: TreeSearch, final: Candidates) -> float:
-    """Return the largest median distance of a part's points over that of all; 1 where that tells nothing."""
-    if search.observation.scene:
-        return 1.0  # other things that touch the model count as points of its parts
-    placements = np.ascontiguousarray(search.part_placements(final)[0])
-    distance, part, _ = search.native.assign(
-        search.observation.given, placements, search.exists.astype(np.uint8), search.reach
-    )
-    all_of = float(np.median(distance[part >= 0])) if (part >= 0).any() else 0.0
-    counts = np.bincount(part[part >= 0], minlength=len(search.exists))
-    each = [float(np.median(distance[part == i])) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
-    return max(each, default=all_of) / all_of if all_of > 0 else 1.0
-
-
-def _margin(search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]) -> float:
-    """Return how much better the answer scores than its best rival; 1 without any."""
-    seen = np.flatnonzero(points >= LEAST_POINTS)
-    moved = _with_joints_moved(search, final, points).best_first()
-    rivals = Candidates.concatenate(
-        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
-    )
-    if len(rivals) == 0:
-        return 1.0
-    scores = search.scored(Candidates.concatenate([final, rivals]))[0].scores
-    return float(scores[0] - scores[1:].max())
-
-
-def _apart(
-    search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
-) -> Candidates:
-    """Return the first `count` of the rivals that place one of the `seen` parts off the answer's surface."""
-    kept: list[int] = []
-    for first in range(0, len(rivals), 2 * RIVALS):
-        some = np.arange(first, min(first + 2 * RIVALS, len(rivals)))
-        departures = _departures(search, final, rivals.take(some), seen)
-        kept += some[departures > APART].tolist()
-        if len(kept) >= count:
-            break
-    return rivals.take(kept[:count])
-
-
-def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:
-    """Return the configuration with each joint in turn at its best other values; the side with fewer points moves."""
-    count = final.values.shape[1]
-    joints = np.arange(count, dtype=np.int32)
-    nudged = Candidates(
-        np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
-    )
-    hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
-    base_moves = hangs @ points > 0.5 * points.sum()
-    # Nothing that is seen departs where only the rest moves.
-    tells = base_moves | (hangs & (points >= LEAST_POINTS)).any(axis=1)
-    return search.swept(final, joints[tells], base_moves[tells], MODES)
-
-
-def _departures(
-    search: TreeSearch, final: Candidates, rivals: Candidates, parts: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return of each rival the largest mean distance of one of `parts`, as the answer places it, to its surface."""
-    placements = search.part_placements(final)[0]
-    placed = [search.surfaces[i].samples[:PROBES] @ placements[i][:3, :3].T + placements[i][:3, 3] for i in parts]
-    if not placed:
-        return np.zeros(len(rivals))
-    probes = np.ascontiguousarray(np.concatenate(placed), np.float32)
-    starts = np.cumsum([0, *(len(own) for own in placed[:-1])])
-    sizes = [len(own) for own in placed]
-    mask = search.exists.astype(np.uint8)
-    return np.array(
-        [
-            (
-                np.add.reduceat(search.native.assign(probes, np.ascontiguousarray(T), mask, 0.06)[0], starts) / sizes
-            ).max()
-            for T in search.part_placements(rivals)
+            np.clip(evidence.distinct, -8.0, 12.0),
         ]
     )

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answer_search import total_coverage
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.confidence import confidence, gathered
+from pwralign_kin.estimation.confidence import confidence
+from pwralign_kin.estimation.evidence import gathered
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observability import Doubt
 from pwralign_kin.estimation.observation import Observation

@@ -24,8 +24,8 @@ class SceneSearchOptions:
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2
     """... and leaves no more than this of what is near it unexplained: things may touch it."""
-    confident: float = 0.3
-    """Confidence in a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
+    sound: float = 0.3
+    """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
     further: float = 4.0
     """How many times as much is tried in every further search."""

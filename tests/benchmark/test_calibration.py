@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -12,6 +13,7 @@ import pytest
 from pwralign_kin.benchmark.calibration import (
     auroc,
     calibration_error,
+    coefficients_table,
     confidence_table,
     doubt_table,
     reliability,
@@ -21,7 +23,8 @@ from pwralign_kin.benchmark.calibration import (
 from pwralign_kin.benchmark.evidence import JointDoubt, joint_doubts
 from pwralign_kin.benchmark.metrics import Ruler, Score
 from pwralign_kin.benchmark.runs import Outcome
-from pwralign_kin.estimation import Estimate
+from pwralign_kin.estimation import Estimate, confidence
+from pwralign_kin.estimation.evidence import Evidence, logistic
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.state import State
 
@@ -92,3 +95,23 @@ def test_a_square_rod_turned_by_a_right_angle_is_right(tmp_path: Path) -> None:
     assert doubt(0.23 + np.pi / 2).error == pytest.approx(0.03, abs=0.003)
     assert doubt(0.2 + np.pi / 4).error > 0.5
     assert doubt(0.2).told and doubt(0.2).determined
+
+
+def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_they_say() -> None:
+    random = np.random.default_rng(0)
+
+    def drawn(present: bool) -> Outcome:
+        found = Evidence(
+            nearby=random.uniform(0.0, 0.05), lacking=random.uniform(0.0, 0.6), uneven=random.uniform(1.0, 3.0),
+            margin=0.0, distinct=random.uniform(-4.0, 12.0), noise=0.002,
+            borne_out=random.uniform(0.2, 0.7) if present else random.uniform(0.05, 0.4),
+            strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5),
+        )  # fmt: skip
+        right = present and random.random() < logistic(confidence.RIGHT, confidence.features(found))
+        return dataclasses.replace(outcome(0.5, right), evidence=dataclasses.asdict(found))
+
+    table = coefficients_table([drawn(True) for _ in range(4000)], [drawn(False) for _ in range(1000)])
+    rows = [row.strip("| ").split(" | ") for row in table.splitlines()[2:]]
+    assert len(rows) == len(confidence.PRESENT) + len(confidence.RIGHT)
+    for name, fitted, used in rows[len(confidence.PRESENT) :]:
+        assert float(fitted) == pytest.approx(float(used), rel=0.35, abs=0.1), name

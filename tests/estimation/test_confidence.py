@@ -9,11 +9,15 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.confidence import Evidence, confidence, gathered
+from pwralign_kin.estimation.confidence import confidence
+from pwralign_kin.estimation.evidence import Evidence, gathered
+from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
-GOOD = Evidence(nearby=0.0, lacking=0.0, uneven=1.1, margin=0.05, noise=0.002, borne_out=0.6, strange=0.0)
+GOOD = Evidence(
+    nearby=0.0, lacking=0.0, uneven=1.1, margin=0.05, distinct=8.0, noise=0.002, borne_out=0.6, strange=0.0, astray=0.0
+)
 
 
 def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
@@ -30,7 +34,10 @@ def test_the_truth_has_all_evidence_for_it(
     assert found.lacking == 0.0
     assert found.uneven < 1.5
     assert found.margin > 0.02
+    assert found.distinct > 8.0
+    assert found.astray < 0.02
     assert confidence(found) > 0.9
+    assert soundness(found) > 0.9
 
 
 def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
@@ -43,7 +50,28 @@ def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
     assert found.nearby > 0.01
     assert found.lacking > 0.1
     assert found.margin < 0.0
+    assert found.distinct < 0.0
     assert confidence(found) < 0.2
+    assert soundness(found) < 0.2
+
+
+def test_noise_and_few_points_make_answers_alike(arm: pk.ArticulatedModel) -> None:
+    clear, noisy, few = (
+        pk.estimate(arm, pk.simulate(arm, sensor=sensor, seed=4).scan).evidence.distinct
+        for sensor in (pk.Sensor(noise=0.002), pk.Sensor(noise=0.02), pk.Sensor(noise=0.002, points=300))
+    )
+    assert noisy < 0.7 * clear
+    assert few < 0.7 * clear
+
+
+def test_surface_that_noise_does_not_explain_is_astray(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    aside = full_scan.state.T_scan_base.copy()
+    aside[:3, 3] += 0.015 * arm.diagonal
+    found = evidence(search, arm, dataclasses.replace(full_scan.state, T_scan_base=aside), units)
+    assert found.strange < 0.05
+    assert found.astray > 0.1
 
 
 @pytest.mark.parametrize(
@@ -52,16 +80,23 @@ def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
         {"nearby": 0.05},
         {"lacking": 0.3},
         {"uneven": 3.0},
-        {"margin": -0.01},
+        {"distinct": 0.0},
         {"noise": 0.03},
-        {"borne_out": 0.15},
+        {"borne_out": 0.1},
         {"borne_out": 0.3, "strange": 0.3},
+        {"borne_out": 0.3, "astray": 0.3},
     ],
     ids=lambda worse: " ".join(worse),
 )
 def test_every_doubt_lowers_the_confidence(worse: dict[str, float]) -> None:
     assert confidence(GOOD) > 0.9
     assert confidence(dataclasses.replace(GOOD, **worse)) < confidence(GOOD) - 0.01
+
+
+@pytest.mark.parametrize("worse", [{"nearby": 0.05}, {"margin": -0.01}, {"borne_out": 0.15}], ids=str)
+def test_every_doubt_makes_an_answer_less_sound(worse: dict[str, float]) -> None:
+    assert soundness(GOOD) > 0.85
+    assert soundness(dataclasses.replace(GOOD, **worse)) < soundness(GOOD) - 0.01
 
 
 def test_what_else_the_scan_holds_does_not_count_against_the_answer(arm: pk.ArticulatedModel) -> None:

@@ -1,0 +1,214 @@
+"""What speaks for and against an answer: a few figures that mean the same for any model and scan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.se3 import Array
+
+LEAST_POINTS = 8
+"""Scan points that a part must explain to count as seen, ..."""
+LEAST_RESIDUALS = 25
+"""... and for its residual to be compared with that of the others."""
+HARDLY = 0.3
+"""A part that explains less than this, against the average of all parts, explains hardly anything."""
+APART = 0.015
+"""Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival."""
+MODES, RIVALS = 3, 8
+"""Values of each joint that are tried, and the best rivals that are compared with the answer."""
+PROBES = 40
+"""Samples of each part that are compared."""
+BLUR, REACH = 0.012, 0.06
+"""Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
+when answer and rivals are told apart."""
+ALIKE = 0.7
+"""Cosine between the normals of a scan point and of the model there, from which they agree."""
+ASTRAY = 0.2
+"""Distance from the model, as a share of the points' spacing, within which none is astray: between points so sparse,
+noise passes for curvature of the surface."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for and against an answer."""
+
+    nearby: float
+    """Share of the scan that lies near the model without being explained by it. Whatever else the scan holds is
+    mostly farther away."""
+
+    lacking: float
+    """Share of the model's surface in parts that explain hardly anything, against the average of all parts."""
+
+    uneven: float
+    """Largest residual of a part over that of all points on the model: noise and bias of the sensor are in both. 1 in
+    a scene, where other things touch the model."""
+
+    margin: float
+    """Score by which the answer is better than the best rival: another answer that the search found, or this one with
+    one joint moved, that takes a seen part off the surface. Negative where the rival is better."""
+
+    distinct: float
+    """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
+    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
+
+    noise: float
+    """Standard deviation of the scan points from their local planes, model diagonals."""
+
+    borne_out: float
+    """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
+
+    strange: float
+    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
+    model, as `nearby`."""
+
+    astray: float
+    """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
+    sensor."""
+
+
+def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
+    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
+    observation = search.observation
+    placements = np.ascontiguousarray(search.part_placements(final)[0])
+    distance, part, sample = search.native.assign(
+        observation.points, placements, search.exists.astype(np.uint8), search.options.near
+    )
+    explained = distance <= search.reach
+    areas = observation.areas * search.searched
+    nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
+    owners = np.where(explained & search.searched, part, -1)
+    shares = np.minimum(search.explained_shares(owners), 1.0)
+    weights = search.weights * search.exists
+    lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
+    on_model = areas[explained].sum() / areas.sum()
+    alike = explained & _alike(search, placements, part, sample)
+    confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
+    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
+    well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
+    astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
+    points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
+    margin, distinct = _margins(search, final, others, points)
+    return Evidence(
+        float(nearby),
+        float(lacking),
+        _uneven(search, final),
+        margin,
+        distinct,
+        observation.noise,
+        confirmed * float(shares @ weights) / float(weights.sum()),
+        float(strange),
+        float(astray),
+    )
+
+
+def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
+    """Return the chance in [0, 1] that `coefficients` of 1 and of `values` make."""
+    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
+
+
+def _alike(
+    search: TreeSearch, placements: Array, part: NDArray[np.int32], sample: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return which scan points are oriented like the nearest sample of the part that is nearest to them."""
+    alike = np.zeros(len(part), bool)
+    for index, surface in enumerate(search.surfaces):
+        own = part == index
+        if not own.any():
+            continue
+        normals = surface.dense_normals[sample[own]] @ placements[index, :3, :3].T
+        alike[own] = np.abs(np.einsum("ij,ij->i", normals, search.observation.normals[own])) >= ALIKE
+    return alike
+
+
+def _uneven(search: TreeSearch, final: Candidates) -> float:
+    """Return the largest median distance of a part's points over that of all; 1 where that tells nothing."""
+    if search.observation.scene:
+        return 1.0  # other things that touch the model count as points of its parts
+    placements = search.part_placements(final)[0]
+    distance, part = search.assigned(search.observation.given, placements, search.exists, search.reach)
+    all_of = float(np.median(distance[part >= 0])) if (part >= 0).any() else 0.0
+    counts = np.bincount(part[part >= 0], minlength=len(search.exists))
+    each = [float(np.median(distance[part == i])) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
+    return max(each, default=all_of) / all_of if all_of > 0 else 1.0
+
+
+def _margins(
+    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Return how much better the answer is than its best rival, by score and in standard deviations.
+
+    Without any rival, 1 and what is the most that so many points can tell.
+    """
+    seen = np.flatnonzero(points >= LEAST_POINTS)
+    moved = _with_joints_moved(search, final, points).best_first()
+    rivals = Candidates.concatenate(
+        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
+    )
+    if len(rivals) == 0:
+        return 1.0, float(np.sqrt(len(search.observation.given)))
+    compared = Candidates.concatenate([final, rivals])
+    scores = search.scored(compared)[0].scores
+    return float(scores[0] - scores[1:].max()), _distinctness(search, compared)
+
+
+def _apart(
+    search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
+) -> Candidates:
+    """Return the first `count` of the rivals that place one of the `seen` parts off the answer's surface."""
+    kept: list[int] = []
+    for first in range(0, len(rivals), 2 * RIVALS):
+        some = np.arange(first, min(first + 2 * RIVALS, len(rivals)))
+        departures = _departures(search, final, rivals.take(some), seen)
+        kept += some[departures > APART].tolist()
+        if len(kept) >= count:
+            break
+    return rivals.take(kept[:count])
+
+
+def _distinctness(search: TreeSearch, compared: Candidates) -> float:
+    """Return by how many standard deviations the points speak for the first candidate against the best other."""
+    given = search.observation.given
+    blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
+    placements = search.part_placements(compared)
+    distances = np.array([search.assigned(given, T, search.exists, REACH)[0] for T in placements])
+    explained = np.exp(-0.5 * (distances / blur) ** 2)
+    gains = explained[0] - explained[1:]
+    return float((gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9)).min())
+
+
+def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:
+    """Return the configuration with each joint in turn at its best other values; the side with fewer points moves."""
+    count = final.values.shape[1]
+    joints = np.arange(count, dtype=np.int32)
+    nudged = Candidates(
+        np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
+    )
+    hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
+    base_moves = hangs @ points > 0.5 * points.sum()
+    # Nothing that is seen departs where only the rest moves.
+    tells = base_moves | (hangs & (points >= LEAST_POINTS)).any(axis=1)
+    return search.swept(final, joints[tells], base_moves[tells], MODES)
+
+
+def _departures(
+    search: TreeSearch, final: Candidates, rivals: Candidates, parts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return of each rival the largest mean distance of one of `parts`, as the answer places it, to its surface."""
+    placements = search.part_placements(final)[0]
+    placed = [search.surfaces[i].samples[:PROBES] @ placements[i][:3, :3].T + placements[i][:3, 3] for i in parts]
+    if not placed:
+        return np.zeros(len(rivals))
+    probes = np.ascontiguousarray(np.concatenate(placed), np.float32)
+    starts = np.cumsum([0, *(len(own) for own in placed[:-1])])
+    sizes = [len(own) for own in placed]
+    return np.array(
+        [
+            (np.add.reduceat(search.assigned(probes, T, search.exists, REACH)[0], starts) / sizes).max()
+            for T in search.part_placements(rivals)
+        ]
+    )
