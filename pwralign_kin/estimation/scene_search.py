@@ -39,6 +39,8 @@ class SceneSearchOptions:
     roots: int = 400
     """Part hypotheses that are grown, shared alike."""
     least_roots: int = 8
+    grown: int = 4
+    """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
     same_root: float = 0.015
     """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     refined: int = 120
@@ -129,10 +131,10 @@ class RegionSearch:
             count = len(together.parts)
             distinct = search.native.distinct_parts(together.parts, together.placements, count, options.same_root)
             new = together.take(distinct[distinct >= len(earlier.parts)])
-            grown = Candidates.concatenate([grown, search.grow(new)]) if len(new.parts) else grown
+            grown = Candidates.concatenate([grown, search.grow(new, options.grown)]) if len(new.parts) else grown
             self.grown[source] = Hypotheses.concatenate([earlier, new]), grown
         else:
-            grown = search.grow(roots)
+            grown = search.grow(roots, options.grown)
             self.grown[source] = roots, grown
         kept = search.sifted(grown, max(options.least_refined, int(share * options.refined)))
         return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
