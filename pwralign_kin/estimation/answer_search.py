@@ -15,7 +15,7 @@ from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
-from pwralign_kin.estimation.scene_search import is_convincing, search_regions, unlike
+from pwralign_kin.estimation.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -199,37 +199,34 @@ class AnswerSearch:
             return self._repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
-        """Search a scene, region by region, until an answer is convincing and remains so when it is repaired."""
+        """Search a scene, region by region, and repair what is found, until an answer is confident."""
         options = self.options.scene_search
+        regions = RegionSearch(
+            self.search, options, self.repairing, self.near, pairs="pairs" in self.options.sources,
+            faces=self.options.faces if "faces" in self.options.sources else None,
+        )  # fmt: skip
         several: list[Candidates] = []
         answers: list[Candidates] = []
-        repaired: list[Candidates] = []
         attempts = self.effort.searches + options.more_attempts
         for attempt in range(attempts):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
-                found = search_regions(
-                    self.search, options if attempt == 0 else options.scaled(options.further), self.repairing, seed,
-                    self._outside(seed), self.near, repaired, pairs="pairs" in self.options.sources,
-                    faces=self.options.faces if "faces" in self.options.sources else None,
-                )  # fmt: skip
+                found = regions.candidates(seed, self._outside(seed), further=attempt > 0)
             if found is None:
                 raise self._nothing_placed
             several.append(found)
             left = unlike(self.search, Candidates.concatenate(several), answers, options.apart).best_first()
-            last = attempt == attempts - 1
-            if len(left) == 0 or not (last or is_convincing(self.search, left.take([0]), options)):
-                continue
-            with self.watch.stage("repair"):
-                answers.append(self._repaired_one_by_one(left))
-            repaired.append(answers[-1])
+            if len(left):
+                with self.watch.stage("repair"):
+                    answers.append(self._repaired_one_by_one(left))
+                regions.repaired.append(answers[-1])
             best = self._distinct(answers)
             if self._soundness(self.search, best) >= options.sound:
                 break
         return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
-        """Repair the best candidates of a scene, each with what is about it, until one is convincing."""
+        """Repair the best candidates of a scene, each with what is about it, until one is convincing or confident."""
         search, options = self.search, self.options.scene_search
         left, several = self._distinct([candidates]), []
         for _ in range(options.finalists):
@@ -239,6 +236,8 @@ class AnswerSearch:
             best = several[-1].take([0])
             left = unlike(search, left, [best], options.apart)
             if len(left) == 0 or self._is_convincing(best):
+                break
+            if self._confidence(search, several[-1]) >= options.confident:
                 break
         return self._distinct(several)
 

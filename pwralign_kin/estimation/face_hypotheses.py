@@ -28,12 +28,16 @@ class FaceOptions:
     """Distance of neighbouring points of one patch in point spacings."""
     slack: float = 0.03
     """Difference of two sides that are the same."""
+    surplus: float = 0.1
+    """How much longer than a face its patch may be: other surface lies in the same plane beside it."""
     least_side: float = 0.4
     """Share of a side of a face that a patch of it shows at least."""
     screened: int = 60
     """Poses of each part that are aligned with the scan, ..."""
     kept: int = 6
-    """... and kept."""
+    """... and kept, ..."""
+    scene_kept: int = 16
+    """... and in each region of a scene, where other things look like parts."""
 
 
 def face_hypotheses(search: TreeSearch, parts: Ints, options: FaceOptions, region: int = 0) -> Hypotheses:
@@ -69,22 +73,23 @@ def _of_part(search: TreeSearch, part: int, patches: FlatFaces, options: FaceOpt
     screened = screened.take(np.argsort(-screened.scores, kind="stable")[: options.screened])
     refined = Hypotheses(*search.native.refine_parts(screened.parts, screened.placements, 5))
     refined = refined.take(np.argsort(-refined.scores, kind="stable"))
-    return refined.take(search.native.distinct_parts(refined.parts, refined.placements, options.kept, 0.03))
+    kept = options.scene_kept if search.observation.scene else options.kept
+    return refined.take(search.native.distinct_parts(refined.parts, refined.placements, kept, 0.03))
 
 
 def matching(seen: Array, size: Array, options: FaceOptions) -> list[Array]:
     """Return the motions (4, 4), from a face's rectangle to a patch's, that lay the sides of the two onto each other.
 
-    `seen` and `size` (2,) are the sides of patch and face. A patch may show less of the face than there is, to either
-    end, but not more.
+    `seen` and `size` (2,) are the sides of patch and face. A patch may show less of the face than there is, and a
+    little more, to either end.
     """
     motions = []
     for quarter in range(4):
         sides = size[::-1] if quarter % 2 else size
         hidden = sides - seen
-        if (hidden < -options.slack).any() or (seen < options.least_side * sides).any():
+        if (hidden < -options.surplus).any() or (seen < options.least_side * sides).any():
             continue
-        ends = [(0.0,) if own < options.slack else (-own / 2, own / 2) for own in hidden]
+        ends = [(0.0,) if abs(own) < options.slack else (-own / 2, own / 2) for own in hidden]
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
         for x, y in product(*ends):
             motion = np.eye(4)

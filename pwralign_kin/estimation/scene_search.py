@@ -39,6 +39,10 @@ class SceneSearchOptions:
     roots: int = 400
     """Part hypotheses that are grown, shared alike."""
     least_roots: int = 8
+    grown: int = 4
+    """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
+    same_root: float = 0.015
+    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     refined: int = 120
     """Configurations that are refined, shared alike."""
     least_refined: int = 4
@@ -69,35 +73,71 @@ class SceneSearchOptions:
         return replace(self, more=factor * self.more, **{name: round(factor * getattr(self, name)) for name in names})
 
 
-def search_regions(
-    search: TreeSearch,
-    options: SceneSearchOptions,
-    repairing: RepairOptions,
-    seed: int,
-    outside: Hypotheses,
-    near: Float | None,
-    earlier: list[Candidates],
-    *,
-    pairs: bool,
-    faces: FaceOptions | None,
-) -> Candidates | None:
-    """Return refined configurations from all regions if `pairs` or `faces`, and from part hypotheses of other sources.
+class RegionSearch:
+    """The search of all regions of one scene. It remembers what it has grown and repaired."""
 
-    None without any hypothesis. Where some pass through the point `near` (1, 3), the others are dropped. What is like
-    one of the `earlier` configurations is not repaired again; those repaired now are added to them.
-    """
-    found = [
-        _searched(search, options, hypotheses, share)
-        for hypotheses, share in _sources(search, options, seed, outside, pairs=pairs, faces=faces)
-        if len(hypotheses.parts)
-    ]
-    if not found:
-        return None
-    if near is not None:
-        passing = [f.take(search.passes(f, near)) for f in found]
-        found = [f for f in passing if len(f)] or found
-    refined = search.scored(search.refined(_chosen(search, options, found)))[0]
-    return Candidates.concatenate([refined, *_improved(search, options, repairing, refined, earlier)])
+    def __init__(
+        self,
+        search: TreeSearch,
+        options: SceneSearchOptions,
+        repairing: RepairOptions,
+        near: Float | None,
+        *,
+        pairs: bool,
+        faces: FaceOptions | None,
+    ) -> None:
+        """Say whether part hypotheses of `pairs` and of `faces` are made, beside those of other sources.
+
+        Where some answers pass through the point `near` (1, 3), the others are dropped.
+        """
+        self.search = search
+        self.options = options
+        self.repairing = repairing
+        self.near = near
+        self.pairs = pairs
+        self.faces = faces
+        self.grown: dict[int, tuple[Hypotheses, Candidates]] = {}
+        """By source of hypotheses: the roots, and what grew from them."""
+        self.repaired: list[Candidates] = []
+        """Configurations that are not repaired again, nor what is like them."""
+
+    def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        """Return refined configurations from all regions and from `outside` hypotheses; None without any hypothesis.
+
+        In a `further` search more is tried.
+        """
+        search = self.search
+        options = self.options.scaled(self.options.further) if further else self.options
+        sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
+        found = [
+            self._searched(options, source, hypotheses, share)
+            for source, (hypotheses, share) in enumerate(sources)
+            if len(hypotheses.parts)
+        ]
+        if not found:
+            return None
+        if self.near is not None:
+            passing = [f.take(search.passes(f, self.near)) for f in found]
+            found = [f for f in passing if len(f)] or found
+        refined = search.scored(search.refined(_chosen(search, options, found)))[0]
+        return Candidates.concatenate([refined, *_improved(search, options, self.repairing, refined, self.repaired)])
+
+    def _searched(self, options: SceneSearchOptions, source: int, roots: Hypotheses, share: float) -> Candidates:
+        """Return configurations grown from placed parts and refined a little, best first."""
+        search = self.search
+        if source in self.grown:
+            earlier, grown = self.grown[source]
+            together = Hypotheses.concatenate([earlier, roots])
+            count = len(together.parts)
+            distinct = search.native.distinct_parts(together.parts, together.placements, count, options.same_root)
+            new = together.take(distinct[distinct >= len(earlier.parts)])
+            grown = Candidates.concatenate([grown, search.grow(new, options.grown)]) if len(new.parts) else grown
+            self.grown[source] = Hypotheses.concatenate([earlier, new]), grown
+        else:
+            grown = search.grow(roots, options.grown)
+            self.grown[source] = roots, grown
+        kept = search.sifted(grown, max(options.least_refined, int(share * options.refined)))
+        return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
 
 
 def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
@@ -168,12 +208,6 @@ def _sources(
 def _promising(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Hypotheses:
     """Return the hypotheses that are worth a share of the budget."""
     return search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
-
-
-def _searched(search: TreeSearch, options: SceneSearchOptions, roots: Hypotheses, share: float) -> Candidates:
-    """Return configurations grown from placed parts and refined a little, best first."""
-    kept = search.sifted(search.grow(roots), max(options.least_refined, int(share * options.refined)))
-    return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
 
 
 def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:

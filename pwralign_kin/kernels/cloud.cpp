@@ -2,6 +2,7 @@
 #include "cells.hpp"
 #include "lanes.hpp"
 #include "parallel.hpp"
+#include <numeric>
 
 namespace pwr {
 
@@ -130,29 +131,31 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
     return label;
 }
 
-// About how far the k nearest of the points reach: the median over a few queries, from a few of the points.
+// About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, from a
+// few of the points.
 static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
-    constexpr int64_t most_points = 2000, most_queries = 16;
+    constexpr int64_t most_points = 2000, most_queries = 32;
     const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
     std::vector<float> reaches, squared;
     for (int64_t q = 0; q < asked; q += step) {
         squared.clear();
         for (int64_t i = 0; i < count; i += stride) {
             const Vec d = points[i] - queries[q];
-            squared.push_back(dot(d, d));
+            if (dot(d, d) > 0) squared.push_back(dot(d, d)); // a query may be one of the points
         }
+        if (squared.empty()) squared.push_back(0);
         const double wanted = double(k) / stride; // points of a surface grow with the reach squared
         const int64_t rank = std::clamp<int64_t>(int64_t(wanted + .5), 1, int64_t(squared.size()));
         std::nth_element(squared.begin(), squared.begin() + (rank - 1), squared.end());
         reaches.push_back(std::sqrt(float(squared[rank - 1] * wanted / rank)));
     }
-    std::nth_element(reaches.begin(), reaches.begin() + reaches.size() / 2, reaches.end());
+    std::nth_element(reaches.begin(), reaches.begin() + reaches.size() / 4, reaches.end());
     Vec low = points[0], high = points[0];
     for (int64_t i = 0; i < count; ++i) {
         low = {std::min(low.x, points[i].x), std::min(low.y, points[i].y), std::min(low.z, points[i].z)};
         high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
     }
-    return std::max(1.4f * reaches[reaches.size() / 2], 1e-5f + 4e-6f * norm(high - low)); // cells must be countable
+    return std::max(1.4f * reaches[reaches.size() / 4], 1e-5f + 4e-6f * norm(high - low)); // cells must be countable
 }
 
 namespace {
@@ -184,13 +187,6 @@ struct Nearest {
                 if (near[j]) offer(around.order[i + j], at[j]);
         }
     }
-    void search(const Vec *all, int64_t count, Vec query) {
-        found = 0;
-        for (int64_t i = 0; i < count; ++i) {
-            const Vec d = all[i] - query;
-            offer(int(i), dot(d, d));
-        }
-    }
 };
 
 } // namespace
@@ -200,29 +196,42 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
     k = int(std::min<int64_t>(k, count));
     out.each = k;
     out.point.assign(asked * k, 0), out.distance.assign(asked * k, 0.f);
-    if (asked == 0 || k == 0) return out;
-    const Cells cells(points, count, usual_reach(points, count, queries, asked, k));
-    // Queries of one cell follow one another and share their surroundings.
-    std::vector<std::pair<uint64_t, int>> order(asked);
-    for (int64_t i = 0; i < asked; ++i) order[i] = {cells.key(queries[i]), int(i)};
-    std::sort(order.begin(), order.end());
-    const int64_t block = 256;
-    parallel_for((asked + block - 1) / block, threads, [&](int64_t b) {
-        Surroundings near, far;
-        Nearest best(k);
-        for (int64_t at = b * block; at < std::min(asked, (b + 1) * block); ++at) {
-            if (at == b * block || order[at].first != order[at - 1].first) near.look(cells, queries[order[at].second], 1);
-            const int i = order[at].second;
-            best.search(near, queries[i], cells.size);
-            for (int rings = 2; rings <= 4 && !best.complete(); rings *= 2) {
-                far.look(cells, queries[i], rings);
-                best.search(far, queries[i], rings * cells.size);
+    if (k == 0) return out;
+    constexpr int64_t block = 256;
+    std::vector<int> left(asked);
+    std::iota(left.begin(), left.end(), 0);
+    // Those whose neighbours are too far for cells that suit the densest are asked again, among larger cells.
+    for (float least_reach = 0; !left.empty() && std::isfinite(least_reach);) {
+        std::vector<Vec> places;
+        for (const int i : left) places.push_back(queries[i]);
+        const Cells cells(points, count, std::max(least_reach, usual_reach(points, count, places.data(), int64_t(places.size()), k)));
+        least_reach = 4 * cells.size;
+        // Queries of one cell follow one another and share their surroundings.
+        std::vector<std::pair<uint64_t, int>> order;
+        for (const int i : left) order.push_back({cells.key(queries[i]), i});
+        std::sort(order.begin(), order.end());
+        const int64_t asking = int64_t(order.size());
+        std::vector<uint8_t> answered(asking, 1);
+        parallel_for((asking + block - 1) / block, threads, [&](int64_t b) {
+            Surroundings around[3]; // one, two and four cells far
+            bool known[3] = {};
+            Nearest best(k);
+            for (int64_t at = b * block; at < std::min(asking, (b + 1) * block); ++at) {
+                const int i = order[at].second;
+                if (at > b * block && order[at].first != order[at - 1].first) std::fill(known, known + 3, false);
+                for (int wide = 0; wide < 3 && (wide == 0 || !best.complete()); ++wide) {
+                    if (!known[wide]) around[wide].look(cells, queries[i], 1 << wide), known[wide] = true;
+                    best.search(around[wide], queries[i], float(1 << wide) * cells.size);
+                }
+                answered[at] = best.complete();
+                for (int n = 0; n < k && best.complete(); ++n)
+                    out.point[i * k + n] = best.points[n], out.distance[i * k + n] = std::sqrt(best.squared[n]);
             }
-            if (!best.complete()) best.search(points, count, queries[i]);
-            for (int n = 0; n < k; ++n)
-                out.point[i * k + n] = best.points[n], out.distance[i * k + n] = std::sqrt(best.squared[n]);
-        }
-    });
+        });
+        left.clear();
+        for (int64_t at = 0; at < asking; ++at)
+            if (!answered[at]) left.push_back(order[at].second);
+    }
     return out;
 }
 

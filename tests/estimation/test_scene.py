@@ -17,7 +17,7 @@ from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
 from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
-from pwralign_kin.estimation.scene_search import SceneSearchOptions, search_regions
+from pwralign_kin.estimation.scene_search import RegionSearch, SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.se3 import inverse, transform
@@ -135,17 +135,32 @@ def test_scores_about_a_configuration_are_those_of_the_whole_scene(
 def test_another_search_repairs_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
     few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=2, more_leaders=2, rounds=1)
-    never = replace(few, convincing=np.inf)
-    earlier: list[Candidates] = []
+    regions = RegionSearch(
+        search, replace(few, convincing=np.inf), RepairOptions(), None, pairs=True, faces=FaceOptions()
+    )
 
-    for _ in range(2):
-        search_regions(
-            search, never, RepairOptions(), 0, Hypotheses.nothing(), None, earlier, pairs=True, faces=FaceOptions()
-        )
+    for attempt in range(2):
+        regions.candidates(0, Hypotheses.nothing(), further=attempt > 0)
 
-    started = Candidates.concatenate(earlier[::2])
+    started = Candidates.concatenate(regions.repaired[::2])
     assert len(started) == 4
     assert len(search.distinct(started, 4, search.options.distinct)) == 4
+
+
+def test_another_search_grows_what_none_before_it_has_grown(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    search = searching(excavator, observed(excavator, scene.scan))
+    few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=0, more_leaders=0, further=1.0)
+    regions = RegionSearch(search, few, RepairOptions(), None, pairs=True, faces=FaceOptions())
+
+    sizes = []
+    for seed, further in ((0, False), (0, True), (1, True)):
+        regions.candidates(seed, Hypotheses.nothing(), further=further)
+        sizes.append(sum(len(roots.parts) for roots, _ in regions.grown.values()))
+        assert sizes[-1] == sum(len(grown) for _, grown in regions.grown.values())
+
+    assert sizes[0] == sizes[1] < sizes[2] < 2 * sizes[0]
 
 
 def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:

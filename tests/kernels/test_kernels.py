@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from pwralign_kin import kernels
 
@@ -85,6 +88,20 @@ def test_nearest_neighbours_match_brute_force(count: int, asked: int, each: int,
     assert index.shape == (asked, min(each, count))
     np.testing.assert_allclose(distance, np.sort(apart, axis=1)[:, :each], rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(np.take_along_axis(apart, index.astype(int), axis=1), distance, rtol=1e-4, atol=1e-6)
+
+
+def test_nearest_neighbours_are_as_fast_where_points_are_dense_in_places() -> None:
+    """A depth image of things near and far: some points have neighbours a thousand times as far as others."""
+    random = np.random.default_rng(0)
+    dense, sparse = 0.1 * random.random((20_000, 3)), 10.0 * random.random((20_000, 3))
+    points = np.concatenate([dense, sparse]).astype(np.float32)
+
+    start = time.process_time()
+    distance = kernels.nearest_neighbours(points, points, 7, 1)[0]
+    seconds = time.process_time() - start
+
+    assert distance == pytest.approx(cKDTree(points).query(points, 7)[0], abs=1e-5)
+    assert seconds < 3.0
 
 
 @pytest.mark.parametrize("threads", [1, 2])
