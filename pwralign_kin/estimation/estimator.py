@@ -15,7 +15,7 @@ from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observability import doubted
-from pwralign_kin.estimation.observation import Observation, observe
+from pwralign_kin.estimation.observation import Observation, observe, without_far_points
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.reporting import reported
@@ -110,7 +110,8 @@ class Estimator:
         if options.region is None and not is_scene(
             scan, model.diagonal, model.reach, options.scene, options.observation, self.threads
         ):
-            return observe(scan, model.diagonal, options.observation, self.threads)
+            near = without_far_points(scan, model.reach)
+            return observe(near, model.diagonal, options.observation, self.threads)
         box = self._searched_box(initial)
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads

@@ -166,6 +166,23 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     )  # fmt: skip
 
 
+def bulk(scan: Scan) -> tuple[Array, Array]:
+    """Return the corners (3,) of the box, m, that most points of a scan lie in: strays do not widen it."""
+    low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
+    return low, high
+
+
+def without_far_points(scan: Scan, reach: float) -> Scan:
+    """Return a scan of the model without what is farther from its bulk than the model reaches (m).
+
+    One point without depth, put where the sensor or the origin of the map is, would widen the scan beyond all bounds.
+    """
+    low, high = bulk(scan)
+    if ((scan.points >= low - reach) & (scan.points <= high + reach)).all():
+        return scan
+    return scan.cropped(low - reach, high + reach)
+
+
 def normals_of(points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int) -> Float:
     """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)

@@ -168,7 +168,7 @@ def _regrown(
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
     count, exists, parent = len(search.exists), search.exists, search.parent
     below = _subtrees(search)
-    near = bad.copy()
+    near = bad | search.lacks(solution) if missing else bad.copy()
     if missing and count <= 14:
         near[:] = True
     else:

@@ -80,7 +80,7 @@ def is_scene(
     scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
 ) -> bool:
     """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
-    low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
+    low, high = preparation.bulk(scan)
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
     if np.linalg.norm(high - low) > (options.reaches_unseen if origin is None else options.reaches) * reach:
         return True
@@ -103,6 +103,8 @@ def observe_scene(
 
     Raises `ScanError` where nothing can be searched.
     """
+    if scan.diagonal > MOST_EXTENT * diagonal:
+        scan = preparation.without_far_points(scan, MOST_EXTENT / 8 * diagonal)
     if scan.diagonal > MOST_EXTENT * diagonal:
         check_units(scan, diagonal)
         raise ScanError(

@@ -195,6 +195,11 @@ class Search {
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, float leads_to,
                                     const Growth &growth) const;
+    std::vector<Edge> silent_path(const Partial &state, int node, Edge edge, const Growth &growth) const;
+    std::vector<Partial> cross_silent(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
+                                      const Growth &growth) const;
+    float damped(float score) const;
+    double displacement(int part, const Rigid &A, const Rigid &B, bool turning) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
     float surface_beyond(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;

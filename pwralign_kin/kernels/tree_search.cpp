@@ -83,6 +83,9 @@ std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, 
     return chosen;
 }
 
+// Without occlusion knowledge an unsupported part is absent, whatever its pose: poses barely differ.
+float Search::damped(float score) const { return field.has_origin || score >= 0 ? score : .02f * score; }
+
 // Sweep the joint of `edge` in every state; the best of all states and modes survive.
 std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &states, int node, Edge edge,
                                                 float leads_to, const Growth &growth) const {
@@ -105,10 +108,6 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     const int most_modes = is_narrow ? std::min(options.modes, narrow_modes) : options.modes;
     const bool scored = s.exists && weight > 0;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
-    auto damped = [&](float score) {
-        // Without occlusion knowledge an unsupported part is absent, whatever its pose: poses barely differ.
-        return field.has_origin || score >= 0 ? score : .02f * score;
-    };
     std::vector<Candidate> candidates;
     std::vector<float> row, early;
     std::vector<int> order;
@@ -173,23 +172,136 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     return next;
 }
 
+// The edges from `edge` over parts without surface to the first part with some; `edge` alone where that is the next.
+std::vector<Search::Edge> Search::silent_path(const Partial &state, int node, Edge edge, const Growth &growth) const {
+    std::vector<Edge> path{edge};
+    std::vector<uint8_t> known = state.known;
+    while (true) {
+        const Edge last = path.back();
+        uint8_t &told = known[model.actuated[last.joint]];
+        if (told) return {edge};
+        told = 1;
+        if (model.surface[last.to].exists && growth.part_weights[last.to] > 0) return path;
+        int onward = 0;
+        for (const Edge &e : edges[last.to])
+            if (e.to != node && ++onward == 1) path.push_back(e);
+        if (onward != 1) return {edge};
+        node = last.to;
+    }
+}
+
+// Turn all joints of a silent path together, in coarse steps, and keep the states at the last but one of its parts from
+// which that with surface can come to lie best. The parts between show nothing: one by one, all values were alike.
+std::vector<Search::Partial> Search::cross_silent(const std::vector<Partial> &states, int node,
+                                                  const std::vector<Edge> &path, const Growth &growth) const {
+    struct Way {
+        int state, number; // number: of the coarse values of the silent joints, the last running fastest
+        Rigid T;           // of the part reached
+        double cost, score;
+    };
+    constexpr int samples = 16, least_stride = 3, short_path = 3;
+    const int end = path.back().to;
+    const int silent = int(path.size()) - 1;
+    // Long paths are rare: they lead past parts that the scan lacks.
+    const size_t most_ways = int(path.size()) > short_path ? 6000 : 600;
+    const size_t most = std::max<size_t>(most_ways, most_ways / 10 * states.size());
+    std::vector<std::vector<int>> chosen;
+    size_t ways_of_state = most + 1;
+    for (int stride = least_stride; ways_of_state * states.size() > most; ++stride) {
+        chosen.assign(path.size(), {});
+        ways_of_state = 1;
+        for (size_t k = 0; k < path.size(); ++k) {
+            const int steps = int(sweeps[path[k].joint].values.size());
+            for (int v = (steps - 1) % stride / 2; v < steps; v += stride) chosen[k].push_back(v);
+            ways_of_state *= chosen[k].size();
+        }
+    }
+    auto motion = [&](const Edge &e, int v) -> const Rigid & {
+        return e.to == e.joint ? sweeps[e.joint].down[v] : sweeps[e.joint].up[v];
+    };
+    std::vector<Way> ways;
+    for (int i = 0; i < int(states.size()); ++i) ways.push_back({i, 0, states[i].T[node], 0, 0});
+    for (int k = 0; k < silent; ++k) {
+        std::vector<Way> further;
+        further.reserve(ways.size() * chosen[k].size());
+        for (const Way &way : ways)
+            for (int c = 0; c < int(chosen[k].size()); ++c) {
+                const int v = chosen[k][c];
+                Way next{way.state, way.number * int(chosen[k].size()) + c, way.T * motion(path[k], v), way.cost, 0};
+                next.cost += prior.joint_cost(model.actuated[path[k].joint], sweeps[path[k].joint].values[v]);
+                if (path[k].to == 0) next.cost += prior.base_cost(next.T);
+                further.push_back(next);
+            }
+        ways = std::move(further);
+    }
+    const Surface &s = model.surface[end];
+    const int count = s.count(samples);
+    for (Way &way : ways) {
+        float best = -1e9f;
+        Rigid best_T = way.T;
+        for (int v : chosen.back()) {
+            const Rigid T = way.T * motion(path.back(), v);
+            const float score = part_score(end, to_float(T), 0, count, options.support_distance, growth.point_weights);
+            if (score > best) best = score, best_T = T;
+        }
+        way.T = best_T;
+        way.score = states[way.state].score + growth.part_weights[end] * damped(best / s.cumulated[count]) - way.cost;
+    }
+    sort_by_score(ways);
+    constexpr double apart = .05;
+    std::vector<Way> kept;
+    for (const Way &way : ways) {
+        if (int(kept.size()) == options.beam) break;
+        const bool is_new = std::none_of(kept.begin(), kept.end(), [&](const Way &other) {
+            return way.state == other.state && displacement(end, way.T, other.T, true) < apart;
+        });
+        if (is_new) kept.push_back(way);
+    }
+    std::vector<Partial> entered;
+    for (const Way &way : kept) {
+        Partial state = states[way.state];
+        int number = way.number;
+        std::vector<int> at(silent);
+        for (int k = silent - 1; k >= 0; --k) {
+            at[k] = chosen[k][number % chosen[k].size()];
+            number /= int(chosen[k].size());
+        }
+        int from = node;
+        for (int k = 0; k < silent; ++k) {
+            const int joint = model.actuated[path[k].joint];
+            state.T[path[k].to] = state.T[from] * motion(path[k], at[k]);
+            state.values[joint] = sweeps[path[k].joint].values[at[k]];
+            state.known[joint] = 1;
+            from = path[k].to;
+        }
+        state.score -= way.cost;
+        entered.push_back(std::move(state));
+    }
+    return entered;
+}
+
+// Mean displacement of some samples of a part between two placements; that of its frame where it has none, and where
+// `turning` whichever is more: a turn about its own axis hardly moves a round part.
+double Search::displacement(int part, const Rigid &A, const Rigid &B, bool turning) const {
+    constexpr float arm = .1f;
+    const Surface &s = model.surface[part];
+    const int probes = s.count(8);
+    const RigidF a = to_float(A), b = to_float(B);
+    const double of_frame = norm(apply(a, {arm, arm, arm}) - apply(b, {arm, arm, arm}));
+    if (!s.exists) return of_frame;
+    double sum = 0;
+    for (int i = 0; i < probes; ++i) sum += norm(apply(a, s.p[i]) - apply(b, s.p[i]));
+    return turning ? std::max(sum / probes, of_frame) : sum / probes;
+}
+
 // The best `count` states (given best first) that place `node` differently, filled up with the best of the others.
 std::vector<Search::Partial> Search::unlike(std::vector<Partial> states, int node, int count) const {
     if (int(states.size()) <= count) return states;
-    constexpr double apart = .04, arm = .1;
-    const Surface &s = model.surface[node];
-    const int probes = s.count(8);
-    auto displacement = [&](const Rigid &A, const Rigid &B) {
-        const RigidF a = to_float(A), b = to_float(B);
-        if (!s.exists) return double(norm(apply(a, {arm, arm, arm}) - apply(b, {arm, arm, arm})));
-        double sum = 0;
-        for (int i = 0; i < probes; ++i) sum += norm(apply(a, s.p[i]) - apply(b, s.p[i]));
-        return sum / probes;
-    };
+    constexpr double apart = .04;
     std::vector<Partial> kept, others;
     for (Partial &state : states) {
         bool is_new = int(kept.size()) < count;
-        for (const Partial &other : kept) is_new = is_new && displacement(state.T[node], other.T[node]) > apart;
+        for (const Partial &other : kept) is_new = is_new && displacement(node, state.T[node], other.T[node], false) > apart;
         (is_new ? kept : others).push_back(std::move(state));
     }
     for (size_t i = 0; int(kept.size()) < count; ++i) kept.push_back(std::move(others[i]));
@@ -213,10 +325,14 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             sort_by_score(states);
             break;
         }
-        const Edge edge = onward.front();
-        states = cross_edge(states, node, edge, surface_beyond(edge.to, node, growth.part_weights), growth);
+        const std::vector<Edge> path = silent_path(states.front(), node, onward.front(), growth);
         previous = node;
-        node = edge.to;
+        if (path.size() > 1) {
+            states = cross_silent(states, node, path, growth);
+            previous = path[path.size() - 2].to;
+        }
+        node = path.back().to;
+        states = cross_edge(states, previous, path.back(), surface_beyond(node, previous, growth.part_weights), growth);
         only = -1;
     }
     if (int(states.size()) > keep) states.resize(keep);

@@ -8,6 +8,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe
 from pwralign_kin.exceptions import ScanError
+from pwralign_kin.simulation import SimulatedScan
 
 RNG = np.random.default_rng(0)
 
@@ -97,3 +98,13 @@ def test_a_hall_around_a_small_model_asks_for_a_crop() -> None:
     hall = RNG.uniform(-30, 30, (200000, 3))
     with pytest.raises(ScanError, match="crop"):
         prepared(hall)
+
+
+def test_a_point_without_depth_at_the_origin_of_a_far_map_changes_nothing(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan
+) -> None:
+    far = full_scan.scan.points[::3] + np.array([1e4, -2e4, 300.0])
+    right = pk.estimate(arm, pk.Scan(far))
+    estimate = pk.estimate(arm, pk.Scan(np.concatenate([far, np.zeros((1, 3))])))
+    assert (estimate.state.T_scan_base == right.state.T_scan_base).all()
+    assert estimate.scan_labels[-1] == -1

@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import ObservationOptions, observe
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
+
+BALL = """<robot name="ball">
+  <link name="base">
+    <visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual>
+    <visual><origin xyz="0.1 0.05 0.1"/><geometry><box size="0.05 0.06 0.15"/></geometry></visual>
+  </link>
+  <link name="first"/>
+  <link name="second"/>
+  <link name="limb">
+    <visual><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.04"/></geometry></visual>
+    <visual><origin xyz="0.38 0.08 0"/><geometry><box size="0.04 0.12 0.04"/></geometry></visual>
+  </link>
+  {joints}
+</robot>"""
+HINGE = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+  <origin xyz="{x} 0 0"/><axis xyz="{axis}"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/></joint>"""
+HINGES = [
+    ("z", "base", "first", 0.15, "0 0 1"),
+    ("y", "first", "second", 0, "0 1 0"),
+    ("x", "second", "limb", 0, "1 0 0"),
+]
 
 
 def true_candidate(
@@ -78,3 +101,20 @@ def test_distinct_configurations_lie_apart(search: TreeSearch, right: Candidates
         assert between[dropped, kept.scores > scores[dropped]].min() <= apart + 1e-6
     own = np.linalg.norm(placed[:, None] - placed, axis=-1).mean(axis=-1) + np.eye(len(kept))
     assert own.min() > apart - 1e-6
+
+
+def test_a_ball_joint_of_three_hinges_is_turned_as_one(tmp_path: Path) -> None:
+    names = ("name", "parent", "child", "x", "axis")
+    joints = "\n".join(HINGE.format(**dict(zip(names, hinge, strict=True))) for hinge in HINGES)
+    (tmp_path / "ball.urdf").write_text(BALL.format(joints=joints))
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "ball.urdf")
+    for z, y, x in [(1.2, 1.0, 1.1), (0.9, -0.8, 0.7), (-0.6, 1.3, -1.2)]:
+        state = pk.State(T_scan_base=np.eye(4), joints={"z": z, "y": y, "x": x})
+        made = pk.simulate(model, state, TIERS["full"], 0)
+        observation = observe(made.scan, model.diagonal, ObservationOptions(), 2)
+        search = TreeSearch(model.kernel_model, model.surfaces, observation, np.zeros(3), SearchOptions(), 2)
+        true = true_candidate(model, search, made, np.ones(3))
+        root = Hypotheses(np.zeros(1, np.int32), search.part_placements(true)[:, 0], np.ones(1, np.float32))
+        best = search.scored(search.refined(search.grow(root, 8)))[0].best_first().take([0])
+        apart = np.linalg.norm(search.probe_positions(best) - search.probe_positions(true), axis=-1)
+        assert apart.mean() < 0.01, (z, y, x)
