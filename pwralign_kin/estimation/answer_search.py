@@ -237,7 +237,7 @@ class AnswerSearch:
             left = unlike(search, left, [best], options.apart)
             if len(left) == 0 or self._is_convincing(best):
                 break
-            if self._confidence(search, several[-1]) >= options.confident:
+            if self._soundness(search, several[-1]) >= options.sound:
                 break
         return self._distinct(several)
 
