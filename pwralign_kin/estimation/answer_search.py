@@ -62,7 +62,7 @@ class Effort:
     searches: int
     """Searches with other samples, at most: ..."""
     until_agreed: bool
-    """... until two agree, or else (and in a scene) until one is convincing."""
+    """... until two agree, or else until one is convincing, in a scene until one has some confidence."""
     repairs: int
     """Rounds of repair, at most."""
     wide_beams: bool
@@ -207,8 +207,7 @@ class AnswerSearch:
         )  # fmt: skip
         several: list[Candidates] = []
         answers: list[Candidates] = []
-        attempts = self.effort.searches + options.more_attempts
-        for attempt in range(attempts):
+        for attempt in range(self.effort.searches):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
                 found = regions.candidates(seed, self._outside(seed), further=attempt > 0)

@@ -18,8 +18,6 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 class SceneSearchOptions:
     """How much is tried in every region."""
 
-    more_attempts: int = 1
-    """Searches at most, beyond those of any scan, until an answer is convincing."""
     convincing: float = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
     unexplained: float = 0.2

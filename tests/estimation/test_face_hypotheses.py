@@ -70,7 +70,13 @@ def test_a_whole_patch_fits_both_ways_round_and_a_part_of_it_to_either_end() -> 
     assert all(np.allclose(motion[:2, 3], 0) for motion in whole)
     hidden = matching(np.array([0.4, 0.3]), size, FaceOptions())
     assert sorted(round(float(motion[0, 3]), 3) for motion in hidden) == [-0.05, -0.05, 0.05, 0.05]
-    assert matching(np.array([0.6, 0.3]), size, FaceOptions()) == []
+
+
+def test_a_patch_may_hold_a_little_other_surface_beside_a_face() -> None:
+    size = np.array([0.5, 0.3])
+    beside = matching(np.array([0.56, 0.3]), size, FaceOptions())
+    assert sorted(round(float(motion[0, 3]), 3) for motion in beside) == [-0.03, -0.03, 0.03, 0.03]
+    assert matching(np.array([0.7, 0.3]), size, FaceOptions()) == []
 
 
 @pytest.mark.parametrize(("name", "configuration"), [("cabinet", 0), ("laptop", 0), ("laptop", 2)])

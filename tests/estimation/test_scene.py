@@ -151,7 +151,7 @@ def test_another_search_grows_what_none_before_it_has_grown(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
-    few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=0, more_leaders=0, further=1.0)
+    few = SceneSearchOptions(anchors=150, roots=80, grown=1, refined=40, leaders=0, more_leaders=0, further=1.0)
     regions = RegionSearch(search, few, RepairOptions(), None, pairs=True, faces=FaceOptions())
 
     sizes = []
