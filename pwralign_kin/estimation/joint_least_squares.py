@@ -34,6 +34,8 @@ MOSTLY_SHARED = 3.0
 frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
 ACROSS = 0.005
 """Noise (model diagonals) from which it takes points across thin parts."""
+SHORT = 5e-4
+"""Last step (rad, model diagonals) up to which the problem before it is that at the end."""
 ONE_THREAD = 2**18
 """Multiplications of a matrix product up to which OpenBLAS leaves it to one thread: more of them gain nothing here, and
 wait for each other where other work holds the processor."""
@@ -300,8 +302,9 @@ class JointLeastSquares:
             step = self.solve(problem, values)
             converged = problem.displacement(step) < self.options.tolerance
             base, values = self.stepped(base, values, step)
-            # The last step is so short that the problem before it is that at the end.
-            problem = problem if converged else self.build(base, values, sigma)
+            # Unknowns that the scan hardly tells may move far without displacing what is matched.
+            if not (converged and np.abs(step).max() < SHORT):
+                problem = self.build(base, values, sigma)
         return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
 
     def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:

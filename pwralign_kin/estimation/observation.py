@@ -251,13 +251,12 @@ def noise_of(points: Float, threads: int) -> float:
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
-        counts = np.union1d(NEIGHBOURS, 2 * NEIGHBOURS)
-        across, along = _variances(points, np.ascontiguousarray(points[chosen]), counts, threads)
-        for own in (np.isin(counts, NEIGHBOURS), np.isin(counts, 2 * NEIGHBOURS)):
-            if along[own][0] > FLAT**2 * across[own][0]:
-                return _without_curvature(counts[own], across[own])
+        for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
+            across, along = _variances(points, np.ascontiguousarray(points[chosen]), counts, threads)
+            if along[0] > FLAT**2 * across[0]:
+                return _without_curvature(counts, across)
         if len(points) < 2 * FEWEST:
-            return _without_curvature(counts[own], across[own])
+            return _without_curvature(counts, across)
         # Where the nearest neighbours lie within the noise, fewer points show the surface.
         points = at_most(points, len(points) // 2)
 
