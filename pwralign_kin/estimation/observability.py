@@ -73,9 +73,17 @@ def _compared(
     sure = np.zeros(len(solution.values), bool)
     for joint in weak:
         profile = profiled(solver, solution.base, solution.values, int(joint), errors)
-        sure[joint] = profile.margin > NO_RIVAL
-        if sure[joint] and profile.gain > 0.0:
-            solution = solved(solver, profile.base, solver.limited(profile.values), solution.problem.blur)
+        if profile.margin <= NO_RIVAL:
+            continue
+        if profile.gain > 0.0:
+            # The likelihood is of the points alone: what they leave of the model unseen may speak against it.
+            better = solved(solver, profile.base, solver.limited(profile.values), solution.problem.blur)
+            both = Candidates.concatenate([solution.configuration, better.configuration])
+            before, after = solver.search.weighed(both)[0]
+            if after < before - NO_COST:
+                continue
+            solution = better
+        sure[joint] = True
     return solution, sure
 
 
