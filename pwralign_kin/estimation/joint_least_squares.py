@@ -8,6 +8,7 @@ points. CasADi solves it; a new set of correspondences follows each step (Gauss-
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,6 +23,8 @@ from pwralign_kin.estimation.silhouette import ON_MODEL, Silhouette
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
+
+logger = logging.getLogger(__name__)
 
 OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
@@ -299,7 +302,11 @@ class JointLeastSquares:
         problem = self.build(base, values, sigma)
         while not converged and iterations < self.options.iterations:
             iterations += 1
-            step = self.solve(problem, values)
+            try:
+                step = self.solve(problem, values)
+            except np.linalg.LinAlgError as error:
+                logger.warning("%s: the answer has not converged", error)
+                break
             converged = problem.displacement(step) < self.options.tolerance
             base, values = self.stepped(base, values, step)
             # Unknowns that the scan hardly tells may move far without displacing what is matched.
@@ -335,7 +342,10 @@ def normal_matrix(J: Array, information: Array) -> Array:
 
 
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
-    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping."""
+    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping.
+
+    Raises `LinAlgError` where there is none: `H` is not positive definite, or a number not finite.
+    """
     size = len(g)
     # Memory that the solver reads and writes: conversions to its own matrices take ten times as long as the problem.
     x = np.empty(size)
@@ -347,6 +357,8 @@ def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) ->
         buffer.set_arg(solver.index_in(name), values.data)
     buffer.set_res(solver.index_out("x"), x.data)
     evaluate()
+    if not (np.isfinite(x).all() and buffer.stats()["success"]):
+        raise np.linalg.LinAlgError("a bounded step of the least squares has no solution")
     return x
 
 

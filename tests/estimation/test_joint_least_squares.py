@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions
+from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions, bounded_step
 from pwralign_kin.estimation.observation import ObservationOptions, observe
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -115,6 +116,12 @@ def test_the_robust_scale_follows_noise_and_residuals(
     assert usual.robust_scale(right) < 0.008
     assert usual.robust_scale(usual.residual(off, values)) > usual.robust_scale(right)
     assert solver(arm, search, sigmas=20.0).robust_scale(right) > 0.02
+
+
+@pytest.mark.parametrize("broken", [-np.eye(7), np.full((7, 7), np.nan)])
+def test_a_step_that_has_no_solution_is_an_error(broken: NDArray[np.float64]) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        bounded_step(broken, np.ones(7), np.full(7, -0.1), np.full(7, 0.1), 1e-6)
 
 
 def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:
