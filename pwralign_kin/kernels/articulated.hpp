@@ -80,6 +80,15 @@ class Articulated {
         while (descendant > part) descendant = parent[descendant];
         return descendant == part;
     }
+    // Change a joint's value, by `most` at most and within its limits; return by how much it was to change.
+    double step_joint(int joint, double change, double most, double &value) const {
+        change = std::clamp(change, -most, most);
+        const double low = lower[joint], high = upper[joint];
+        value += change;
+        if (wraps[joint]) value -= (high - low) * std::floor((value - low) / (high - low));
+        else value = std::clamp(value, low, high);
+        return std::abs(change);
+    }
     // World twist of a part's joint about the point c, (6).
     void joint_twist(int part, const Rigid *T, const double *c, double *twist) const;
     // Those of all parts, (parts, 6); the root's is zero.

@@ -43,16 +43,16 @@ class Cells {
         for (int64_t x = cx - rings; x <= cx + rings; ++x)
             for (int64_t y = cy - rings; y <= cy + rings; ++y) {
                 // The cells along z are neighbours in the sorted order.
-                const int64_t first = first_from(hints ? (*hints)[row] : 0, pack(x, y, cz - rings));
+                const int64_t first = first_from(hints ? (*hints)[row] : 0, pack_cell(x, y, cz - rings));
                 if (hints) (*hints)[row++] = first;
-                const uint64_t end = pack(x, y, cz + rings);
+                const uint64_t end = pack_cell(x, y, cz + rings);
                 int64_t last = first;
                 while (last < int64_t(keys.size()) && keys[last] <= end) ++last;
                 if (first != last) f(first, last);
             }
     }
     uint64_t key(Vec p) const {
-        return pack(coordinate(p.x - origin.x), coordinate(p.y - origin.y), coordinate(p.z - origin.z));
+        return pack_cell(coordinate(p.x - origin.x), coordinate(p.y - origin.y), coordinate(p.z - origin.z));
     }
 
     float size;
@@ -87,10 +87,6 @@ class Cells {
         return std::lower_bound(keys.begin() + low, keys.begin() + std::min(size, low + step), key) - keys.begin();
     }
     int64_t coordinate(float v) const { return int64_t(std::floor(v * inverse)); }
-    static uint64_t pack(int64_t x, int64_t y, int64_t z) {
-        const int64_t bias = 1 << 20;
-        return (uint64_t(x + bias) << 42) | (uint64_t(y + bias) << 21) | uint64_t(z + bias);
-    }
     float inverse;
     Vec origin;
 };

@@ -18,6 +18,12 @@ inline float dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline Vec cross(Vec a, Vec b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
 inline float norm(Vec a) { return std::sqrt(dot(a, a)); }
 
+// One number for the cell (x, y, z) of a grid, in whose order its neighbours along z follow; 21 bits a side.
+inline uint64_t pack_cell(int64_t x, int64_t y, int64_t z) {
+    const int64_t bias = 1 << 20;
+    return (uint64_t(x + bias) << 42) | (uint64_t(y + bias) << 21) | uint64_t(z + bias);
+}
+
 // A rigid placement: rotation (row major) and translation.
 template <typename T> struct RigidT {
     T R[9];
@@ -70,6 +76,19 @@ inline void rotation_about(const double *axis, double angle, double *R) {
     R[0] = c + x * x * o, R[1] = x * y * o - z * s, R[2] = x * z * o + y * s;
     R[3] = y * x * o + z * s, R[4] = c + y * y * o, R[5] = y * z * o - x * s;
     R[6] = z * x * o - y * s, R[7] = z * y * o + x * s, R[8] = c + z * z * o;
+}
+
+// The rotation vector (world axes) that turns A onto B, that of B A^T.
+inline void turn_between(const double *A, const double *B, double *w) {
+    double R[9];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            R[3 * i + j] = B[3 * i] * A[3 * j] + B[3 * i + 1] * A[3 * j + 1] + B[3 * i + 2] * A[3 * j + 2];
+    w[0] = (R[7] - R[5]) / 2, w[1] = (R[2] - R[6]) / 2, w[2] = (R[3] - R[1]) / 2;
+    const double sine = std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = (R[0] + R[4] + R[8] - 1) / 2;
+    for (int i = 0; i < 3; ++i) w[i] *= sine > 1e-9 ? std::atan2(sine, cosine) / sine : 1;
+    // At half a turn the axis is lost; any serves, since what is so far off is not near to right.
+    if (sine <= 1e-9 && cosine < 0) w[0] = M_PI;
 }
 
 inline void orthonormalise(double *R) {

@@ -58,6 +58,12 @@ void write_placement(const Rigid &T, double *m) {
 void require(bool condition, const char *message) {
     if (!condition) throw std::invalid_argument(message);
 }
+// Points can be sorted into cells of this size: numbers of cells along one side have 20 bits (`pack_cell`).
+void require_cells(const Points &points, float cell) {
+    require(std::isfinite(cell) && cell > 0, "cells need a positive size");
+    const float most = cell * (1 << 20);
+    for (size_t i = 0; i < points.size(); ++i) require(std::abs(points.data()[i]) < most, "points must be finite, and not too far away for cells so small");
+}
 std::vector<Configuration> read_configurations(const Articulated &model, const Placements &bases, const Matrix &values) {
     require(bases.shape(0) == values.shape(0) && int(values.shape(1)) == model.joints, "bases (m, 4, 4) and values (m, k) do not match the model");
     std::vector<Configuration> out(bases.shape(0));
@@ -130,6 +136,7 @@ void bind_clouds(nb::module_ &m) {
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
     }, "points"_a, "cell"_a);
     m.def("local_planes", [](Points points, float radius, int threads) {
+        require_cells(points, radius);
         LocalPlanes planes;
         {
             nb::gil_scoped_release release;
@@ -156,6 +163,7 @@ void bind_clouds(nb::module_ &m) {
         return to_numpy(std::move(variances), {sizes.size(), 2, queries.shape(0)});
     }, "points"_a, "queries"_a, "sizes"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
+        require_cells(points, cell);
         require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
         nb::gil_scoped_release release;
         std::vector<float> open = openness(vectors(points), vectors(normals), points.shape(0), cell, threads);
@@ -163,6 +171,7 @@ void bind_clouds(nb::module_ &m) {
         return to_numpy(std::move(open));
     }, "points"_a, "normals"_a, "cell"_a, "threads"_a);
     m.def("components", [](Points points, float radius) {
+        require_cells(points, radius);
         std::vector<int> label;
         {
             nb::gil_scoped_release release;
@@ -298,6 +307,7 @@ void bind_search(nb::module_ &m) {
         .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow, int threads) {
             const size_t count = points.shape(0);
             require(count > 0 && normals.shape(0) == count && weights.shape(0) == count && areas.shape(0) == count && regions.shape(0) == count, "the arrays of the points differ in length");
+            require_cells(points, cell);
             require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;

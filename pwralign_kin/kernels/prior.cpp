@@ -5,18 +5,6 @@ namespace pwr {
 
 namespace {
 double length(const double *v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-// The rotation vector (world axes) that turns A onto B.
-void turn_between(const double *A, const double *B, double *w) {
-    double R[9];
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j)
-            R[3 * i + j] = B[3 * i] * A[3 * j] + B[3 * i + 1] * A[3 * j + 1] + B[3 * i + 2] * A[3 * j + 2];
-    w[0] = (R[7] - R[5]) / 2, w[1] = (R[2] - R[6]) / 2, w[2] = (R[3] - R[1]) / 2;
-    const double sine = length(w), cosine = (R[0] + R[4] + R[8] - 1) / 2;
-    for (int i = 0; i < 3; ++i) w[i] *= sine > 1e-9 ? std::atan2(sine, cosine) / sine : 1;
-    // At half a turn the axis is lost; any serves, since such a base is far from right.
-    if (sine <= 1e-9 && cosine < 0) w[0] = M_PI;
-}
 // The rotation vector that turns unit vector a onto b by the shortest way.
 void shortest_turn(const double *a, const double *b, double *w) {
     w[0] = a[1] * b[2] - a[2] * b[1], w[1] = a[2] * b[0] - a[0] * b[2], w[2] = a[0] * b[1] - a[1] * b[0];

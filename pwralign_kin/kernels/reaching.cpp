@@ -87,16 +87,8 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
         for (int k = 0; k < size; ++k) H[k * size + k] = 1.05 * H[k * size + k] + 1e-5 * weights;
         if (!solve_spd(H.data(), g.data(), size)) break;
         double largest = 0;
-        for (int k = 0; k < size; ++k) {
-            const int joint = joints[k];
-            const double low = model.lower[joint], high = model.upper[joint];
-            double &value = values[joint];
-            const double change = std::clamp(g[k], -.5, .5);
-            value += change;
-            if (model.wraps[joint]) value -= (high - low) * std::floor((value - low) / (high - low));
-            else value = std::clamp(value, low, high);
-            largest = std::max(largest, std::abs(change));
-        }
+        for (int k = 0; k < size; ++k)
+            largest = std::max(largest, model.step_joint(joints[k], g[k], .5, values[joints[k]]));
         if (largest < 1e-3 && iteration < iterations - 1) iteration = iterations - 1;
     }
     return left;

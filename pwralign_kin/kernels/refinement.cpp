@@ -153,14 +153,8 @@ void Search::refine_one(Configuration &c, const PointSample &sampled, int iterat
         for (int j = 6; j < size; ++j) H[j * size + j] = 1.01 * H[j * size + j] + 2e-6;
         if (!solve_spd(H.data(), step.data(), size)) break;
         double largest = 0;
-        for (int j = 0; j < joints; ++j) {
-            const double change = std::clamp(step[6 + j], -.35, .35), low = model.lower[j], high = model.upper[j];
-            double &value = c.values[j];
-            value += change;
-            if (model.wraps[j]) value -= (high - low) * std::floor((value - low) / (high - low));
-            else value = std::clamp(value, low, high);
-            largest = std::max(largest, std::abs(change));
-        }
+        for (int j = 0; j < joints; ++j)
+            largest = std::max(largest, model.step_joint(j, step[6 + j], .35, c.values[j]));
         const double angle = retract(c.base, step.data(), .35);
         if (progress >= 1 && largest < 3e-4 && angle < 3e-4) break;
     }

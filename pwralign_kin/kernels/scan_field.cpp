@@ -58,6 +58,7 @@ const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
 
 // Every layer of cells along x is filled on its own, by all points in order: a cell keeps the first of those nearest.
 void ScanField::splat(float truncation, int threads) {
+    if (int64_t(nx) * ny * nz >= std::numeric_limits<int>::max()) throw std::invalid_argument("the points are too far apart for cells so small");
     outside = nx * ny * nz;
     constexpr int nothing = -2;
     cells.assign(size_t(outside) + 1, nothing);

@@ -20,19 +20,6 @@ constexpr float sweep_support = .5f;          // weight of the surface that the 
 constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
 constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
 constexpr double independent_share = .5;      // of the points
-
-// Rotation vector of B A^T.
-void rotation_between(const double *A, const double *B, double *w) {
-    double R[9];
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j)
-            R[3 * i + j] = B[3 * i] * A[3 * j] + B[3 * i + 1] * A[3 * j + 1] + B[3 * i + 2] * A[3 * j + 2];
-    w[0] = .5 * (R[7] - R[5]), w[1] = .5 * (R[2] - R[6]), w[2] = .5 * (R[3] - R[1]);
-    const double sine = std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
-    const double factor = sine > 1e-9 ? std::atan2(sine, .5 * (R[0] + R[4] + R[8] - 1)) / sine : 1;
-    for (int i = 0; i < 3; ++i) w[i] *= factor;
-}
-
 } // namespace
 
 bool HashedCells::any_within(const Vec *points, Vec p, float reach) const {
@@ -315,7 +302,7 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         }
         for (int j = 0; j < joints; ++j)
             levers[j] = moved_weight[j] > 0 ? std::sqrt(H[(6 + j) * (size + 1)] * moved_parts[j] / moved_weight[j]) : 0;
-        rotation_between(base.R, predicted.R, off.data());
+        turn_between(base.R, predicted.R, off.data());
         for (int i = 0; i < 3; ++i) off[3 + i] = predicted.t[i] - base.t[i];
         for (int j = 0; j < joints; ++j) {
             off[6 + j] = predicted_values[j] - values[j];
@@ -331,13 +318,7 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         // What the step gains, in variances of the answer (the squared Newton decrement).
         double gain = 0;
         for (int i = 0; i < size; ++i) gain += right[i] * step[i] / belief;
-        for (int j = 0; j < joints; ++j) {
-            const double change = std::clamp(step[6 + j], -.35, .35), least = model.lower[j], most = model.upper[j];
-            double &value = values[j];
-            value += change;
-            if (model.wraps[j]) value -= (most - least) * std::floor((value - least) / (most - least));
-            else value = std::clamp(value, least, most);
-        }
+        for (int j = 0; j < joints; ++j) model.step_joint(j, step[6 + j], .35, values[j]);
         retract(base, step.data(), .35);
         ++result.iterations;
         result.rmse = matched ? float(std::sqrt(squares / matched)) : 0.f;

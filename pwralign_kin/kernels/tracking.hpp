@@ -20,7 +20,7 @@ class HashedCells {
     // The last point put into the cell of p, or -1; `slot` is where it is or would be.
     int head(Vec p, size_t &slot) const { return head_at(coordinate(p.x), coordinate(p.y), coordinate(p.z), slot); }
     void put(size_t slot, Vec p, int point) {
-        const uint64_t own = pack(coordinate(p.x), coordinate(p.y), coordinate(p.z));
+        const uint64_t own = pack_cell(coordinate(p.x), coordinate(p.y), coordinate(p.z));
         next[point] = stamps[slot] == stamp ? heads[slot] : -1;
         keys[slot] = own, heads[slot] = point, stamps[slot] = stamp;
     }
@@ -29,12 +29,8 @@ class HashedCells {
 
   private:
     int64_t coordinate(float v) const { return int64_t(std::floor(v / cell)); }
-    static uint64_t pack(int64_t x, int64_t y, int64_t z) {
-        const int64_t bias = 1 << 20;
-        return (uint64_t(x + bias) << 42) | (uint64_t(y + bias) << 21) | uint64_t(z + bias);
-    }
     int head_at(int64_t x, int64_t y, int64_t z, size_t &slot) const {
-        const uint64_t own = pack(x, y, z);
+        const uint64_t own = pack_cell(x, y, z);
         uint64_t mixed = own * 0x9E3779B97F4A7C15ull;
         slot = (mixed ^ (mixed >> 32)) & (keys.size() - 1);
         while (stamps[slot] == stamp && keys[slot] != own) slot = (slot + 1) & (keys.size() - 1);

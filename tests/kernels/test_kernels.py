@@ -179,3 +179,25 @@ def test_wrong_shapes_and_names_are_refused() -> None:
             np.array([-1, 1], np.int32), np.zeros(2, np.int32), np.tile(np.eye(4), (2, 1, 1)), np.ones((2, 3)),
             np.zeros(2, np.uint8), np.ones(2), np.zeros(2), np.zeros(1), np.ones(1), np.zeros(1, np.uint8),
         )  # fmt: skip
+
+
+@pytest.mark.parametrize("point", [np.nan, np.inf, 1e30])
+def test_points_that_no_cell_holds_are_refused(point: float) -> None:
+    points = np.zeros((50, 3), np.float32)
+    points[7, 1] = point
+    normals = np.tile(np.float32([0, 0, 1]), (50, 1))
+    for call in (
+        lambda: kernels.openness(points, normals, 0.01, 1),
+        lambda: kernels.local_planes(points, 0.01, 1),
+        lambda: kernels.components(points, 0.01),
+    ):
+        with pytest.raises(ValueError, match="finite"):
+            call()
+    with pytest.raises(ValueError, match="positive"):
+        kernels.openness(np.zeros((50, 3), np.float32), normals, 0.0, 1)
+
+
+def test_more_threads_than_there_can_be_are_no_error() -> None:
+    points = np.random.default_rng(0).normal(size=(2000, 3)).astype(np.float32)
+    for one, many in zip(kernels.local_planes(points, 0.3, 1), kernels.local_planes(points, 0.3, 500), strict=True):
+        np.testing.assert_array_equal(one, many)
