@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 from pwralign_kin.se3 import Array
 
 LEAST_POINTS = 8
@@ -23,7 +23,7 @@ MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
 PROBES = 40
 """Samples of each part that are compared."""
-BLUR, REACH = 0.012, 0.06
+BLUR, REACH = 0.012, BAND
 """Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
 when answer and rivals are told apart."""
 ALIKE = 0.7

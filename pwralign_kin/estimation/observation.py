@@ -35,6 +35,10 @@ MOST_CELLS = 1.5e8
 """Cells of the field that memory allows."""
 
 
+ONE_SIDE, ALL_SIDES = 0.42, 0.85
+"""Share of a model's visible surface that one view, and views from all around, usually show."""
+
+
 @dataclass(frozen=True)
 class ObservationOptions:
     """How a scan is prepared. Lengths in model diagonals."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.estimation import observation as preparation
-from pwralign_kin.estimation.observation import Float, Observation, ObservationOptions
+from pwralign_kin.estimation.observation import ONE_SIDE, Float, Observation, ObservationOptions
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model.surface import Surface, total_area
 from pwralign_kin.scan import Scan, check_units
@@ -211,7 +211,7 @@ def _near_enough(
     usual = _binned_median(spacing, _range_bins(points, origin, options))
     for limit in options.spacings:
         near = (usual < limit) & (spacing < max(1.6 * limit, 0.03))
-        if area[near].sum() > options.enough * 0.42 * model_area:
+        if area[near].sum() > options.enough * ONE_SIDE * model_area:
             break
     return np.asarray(near)
 
@@ -330,7 +330,7 @@ def _regions(
         return region
     label = kernels.components(np.ascontiguousarray(points[chosen]), options.link)
     areas = np.bincount(label, weights=area[chosen])
-    large = (areas > options.region_area * 0.42 * model_area) & (np.bincount(label) > options.region_points)
+    large = (areas > options.region_area * ONE_SIDE * model_area) & (np.bincount(label) > options.region_points)
     rank = np.full(len(areas), -1, np.int64)
     order = np.argsort(-areas, kind="stable")
     order = order[large[order]]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import OrientedPairs
-from pwralign_kin.estimation.observation import Observation
+from pwralign_kin.estimation.observation import ALL_SIDES, ONE_SIDE, Observation
 from pwralign_kin.estimation.prior import SearchPrior
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array
@@ -23,6 +23,13 @@ Ints = NDArray[np.int32]
 
 FOCUS_PROBES = 60
 """Surface samples of each part that say what is near to a candidate."""
+
+
+CONTRADICTED, WORSE = -0.2, 0.85
+"""Support of a part from which on the evidence speaks against it: in single views, where nothing speaks for it, and in
+others as a share of that of the median part."""
+BAND = 0.06
+"""Distances beyond this (model diagonals) are all the same to the kernels."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +93,8 @@ class SearchOptions:
     contradicted: float = 0.1
     """Share of its surface that a single view may contradict of a right answer: 0.02 to 0.05 at true poses, 0.07 where
     a real sensor bends surfaces."""
-    near: float = 0.0599
-    """Points of a scene nearer than this should be of the model."""
+    near: float = BAND - 1e-4
+    """Points of a scene nearer than this should be of the model; the last distance that the kernels tell."""
     distinct: float = 0.03
     """Mean displacement of the surface below which two configurations are the same solution, ..."""
     alike: float = 0.004
@@ -124,7 +131,7 @@ class TreeSearch:
         self.parent = model.parent
         self.searched = observation.regions >= 0 if searched is None else searched
         native = kernels.SearchOptions()
-        native.support_distance = min(0.06, max(options.support_distance, 1.3 * observation.spacing))
+        native.support_distance = min(BAND, max(options.support_distance, 1.3 * observation.spacing))
         native.coverage_distance = options.coverage_distance
         native.support_weight = options.support_weight
         if observation.scene:
@@ -159,7 +166,7 @@ class TreeSearch:
     @property
     def _usual_share(self) -> float:
         """Share of the visible surface that a single view, or views from all around, usually show."""
-        return 0.42 if self.observation.single_view else 0.85
+        return ONE_SIDE if self.observation.single_view else ALL_SIDES
 
     def widened(self) -> TreeSearch:
         """Return the same search with the wide beams."""
@@ -187,7 +194,7 @@ class TreeSearch:
     def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
         usual = float(np.median(support[self.exists]))
-        return self.exists & (support < (-0.2 if self.observation.single_view else 0.85 * usual))
+        return self.exists & (support < (CONTRADICTED if self.observation.single_view else WORSE * usual))
 
     @property
     def sigma(self) -> float:
@@ -406,7 +413,7 @@ class TreeSearch:
         return np.array(distances) < self.options.near
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
-        """Return per scan point its distance (at most 0.06) from the nearest of `parts` of one candidate, and which."""
+        """Return per scan point its distance (at most `BAND`) from the nearest of one candidate's `parts`, and which."""
         return self._assigned(candidate, self.observation.points, parts)
 
     def explained_shares(self, owners: Ints) -> Float:
@@ -452,7 +459,7 @@ class TreeSearch:
         return self._assigned(candidate, points, self.exists)[0]
 
     def _assigned(self, candidate: Candidates, points: Float, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
-        return self.assigned(points, self.part_placements(candidate)[0], parts, 0.06)
+        return self.assigned(points, self.part_placements(candidate)[0], parts, BAND)
 
     def assigned(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> tuple[Float, Ints]:
         """Return per point its distance (at most `reach`) from the nearest of `parts` placed (parts, 4, 4), and which;
