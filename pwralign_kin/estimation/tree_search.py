@@ -413,7 +413,7 @@ class TreeSearch:
         return np.array(distances) < self.options.near
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
-        """Return per scan point its distance (at most `BAND`) from the nearest of one candidate's `parts`, and which."""
+        """Return per scan point its distance (at most `BAND`) from one candidate's nearest of `parts`, and which."""
         return self._assigned(candidate, self.observation.points, parts)
 
     def explained_shares(self, owners: Ints) -> Float:
