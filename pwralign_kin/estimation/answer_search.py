@@ -199,7 +199,7 @@ class AnswerSearch:
             return self._repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
-        """Search a scene, region by region, and repair what is found, until an answer is confident."""
+        """Search a scene, region by region, and repair what is found, until an answer is sound."""
         options = self.options.scene_search
         regions = RegionSearch(
             self.search, options, self.repairing, self.near, pairs="pairs" in self.options.sources,
@@ -225,7 +225,7 @@ class AnswerSearch:
         return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
-        """Repair the best candidates of a scene, each with what is about it, until one is convincing or confident."""
+        """Repair the best candidates of a scene, each with what is about it, until one is convincing or sound."""
         search, options = self.search, self.options.scene_search
         left, several = self._distinct([candidates]), []
         for _ in range(options.finalists):

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence import Evidence, logistic
+from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
-"""Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 PRESENT = (6.62, 3.63, 2.08, 0.59)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-3.91, -0.73, -0.63, -1.9, 0.27)
@@ -23,9 +21,8 @@ def confidence(evidence: Evidence) -> float:
     It is the chance that the model is in the scan at all, times the chance that the answer is right if it is: two
     logistic regressions. It fades to nothing where the points fill a volume.
     """
-    surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
     present = logistic(PRESENT, presence_features(evidence))
-    return float(surface * present * logistic(RIGHT, features(evidence)))
+    return float(on_surface(evidence) * present * logistic(RIGHT, features(evidence)))
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:

@@ -28,6 +28,8 @@ BLUR, REACH = 0.012, BAND
 when answer and rivals are told apart."""
 ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
+SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
+"""Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 ASTRAY = 0.2
 """Distance from the model, as a share of the points' spacing, within which none is astray: between points so sparse,
 noise passes for curvature of the surface."""
@@ -104,6 +106,11 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         float(strange),
         float(astray),
     )
+
+
+def on_surface(evidence: Evidence) -> float:
+    """Return how far the points lie on a surface, from 1 to 0, and do not fill a volume."""
+    return float(np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0))
 
 
 def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:

@@ -72,10 +72,11 @@ class EstimatorOptions:
             raise StateError(f"the seed must not be negative, got {self.seed}")
         if self.threads < 0:
             raise StateError(f"threads must be 1 or more, or 0 for one per core, not {self.threads}")
-        for name, valid in (("effort", get_args(EffortName)), ("source", SOURCES)):
-            for value in (self.effort,) if name == "effort" else self.sources:
-                if value not in valid:
-                    raise UnknownNameError(name, value, valid)
+        if self.effort not in get_args(EffortName):
+            raise UnknownNameError("effort", self.effort, get_args(EffortName))
+        for source in self.sources:
+            if source not in SOURCES:
+                raise UnknownNameError("source", source, SOURCES)
         if self.region is not None:
             object.__setattr__(self, "region", checked_box(self.region, "region"))
         if self.near is not None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence import Evidence, logistic
+from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
-"""Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 PRESENT = (8.23, 9.19, 4.02)
 """Coefficients of 1 and of what tells whether the model is in the scan at all, ..."""
 RIGHT = (-0.27, -1.34, -0.67, -2.65, 1.35)
@@ -21,8 +19,7 @@ def soundness(evidence: Evidence) -> float:
     No chance of being right, which is `confidence`: thresholds of searches hang on this scale, and it stays as it is
     when the confidence is fitted anew.
     """
-    surface = np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0)
-    return float(surface * logistic(PRESENT, _presence(evidence)) * logistic(RIGHT, _rightness(evidence)))
+    return float(on_surface(evidence) * logistic(PRESENT, _presence(evidence)) * logistic(RIGHT, _rightness(evidence)))
 
 
 def _presence(evidence: Evidence) -> NDArray[np.float64]:

@@ -26,6 +26,13 @@ def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, unit
     return gathered(search, final, final)
 
 
+def shifted(state: pk.State, by: float) -> pk.State:
+    """The state with its base moved by as much (m) along each axis."""
+    T = state.T_scan_base.copy()
+    T[:3, 3] += by
+    return dataclasses.replace(state, T_scan_base=T)
+
+
 def test_the_truth_has_all_evidence_for_it(
     search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
@@ -67,9 +74,7 @@ def test_noise_and_few_points_make_answers_alike(arm: pk.ArticulatedModel) -> No
 def test_surface_that_noise_does_not_explain_is_astray(
     search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
-    aside = full_scan.state.T_scan_base.copy()
-    aside[:3, 3] += 0.015 * arm.diagonal
-    found = evidence(search, arm, dataclasses.replace(full_scan.state, T_scan_base=aside), units)
+    found = evidence(search, arm, shifted(full_scan.state, 0.015 * arm.diagonal), units)
     assert found.strange < 0.05
     assert found.astray > 0.1
 
@@ -120,9 +125,7 @@ def test_a_box_is_hardly_taken_for_an_arm(arm: pk.ArticulatedModel, size: float)
 def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
     search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
-    away = full_scan.state.T_scan_base.copy()
-    away[:3, 3] += 100.0 * arm.diagonal
-    found = evidence(search, arm, dataclasses.replace(full_scan.state, T_scan_base=away), units)
+    found = evidence(search, arm, shifted(full_scan.state, 100.0 * arm.diagonal), units)
     assert found.lacking == 1.0
     assert found.borne_out == 0.0
     assert confidence(found) < 0.05
