@@ -161,9 +161,7 @@ class Estimator:
         """Return the values (k,) in search units that joints start from and keep where the scan does not tell."""
         model = self.model
         values = model.values({**self.options.prior, **(initial.joints if initial else {})})
-        span = np.where(model.continuous, model.upper - model.lower, 1.0)
-        turned = model.lower + np.mod(values - model.lower, span)
-        return np.where(model.continuous, turned, np.clip(values, model.lower, model.upper)) / self.model.joint_scales
+        return model.within_limits(values) / model.joint_scales
 
     def _bounds(self, prior: Array) -> tuple[Array, Array]:
         """Return the joint limits in search units, narrowed by priors; a locked joint's limits are its prior value."""
@@ -189,7 +187,7 @@ class Estimator:
         return solved(solver, base, solver.limited(values))
 
     def _chosen(self, fit: Fit, solution: Solution, initial: State | None) -> tuple[Solution, Candidates]:
-        """Return which of the answers that look alike is meant, and the others: by a guess or else by likelihood."""
+        """Return which of the answers that look alike is meant, by a guess or by likelihood, and the others."""
         search = fit.solver.search
         answer = solution.configuration
         equal = equal_answers(self.model, search, answer)
@@ -197,7 +195,7 @@ class Estimator:
             return solution, equal
         several = Candidates.concatenate([answer, equal])
         if initial is None:
-            chosen = likeliest(fit.solver, several)
+            chosen = likeliest(fit.solver, several, fit.prior)
         else:
             base = search.observation.to_search(self.model.root_placement(initial))
             guess = Candidates.single(base, fit.prior)

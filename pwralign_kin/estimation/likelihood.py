@@ -25,14 +25,16 @@ ANYTHING = 0.02
 """Density of the points that are not on the model, against that of the normal noise at its peak."""
 STEPS = 2
 """Steps of Gauss-Newton towards the exact closest points; the gain of the last is taken from its linear model."""
-TIE = 2.0
-"""Logarithm of the likelihood ratio up to which a scan does not speak for either of two answers."""
+REST = 1.5
+"""Standard deviation of joint values about their prior (rad or model diagonals), for want of a closer one: enough to
+choose where the scan does not."""
 
 
-def likeliest(solver: JointLeastSquares, several: Candidates) -> int:
-    """Return which of several answers is the most likely, the first unless the scan speaks for another."""
-    logs = log_likelihoods(solver, several)
-    return int(np.argmax(logs)) if logs.max() > logs[0] + TIE else 0
+def likeliest(solver: JointLeastSquares, several: Candidates, prior: Array) -> int:
+    """Return which of several answers is the most likely, by the scan and by the joint values (k,) of the `prior`."""
+    away = several.values - prior
+    turns = np.where(solver.model.continuous, 2.0 * np.pi * np.round(away / (2.0 * np.pi)), 0.0)
+    return int(np.argmax(log_likelihoods(solver, several) - np.square((away - turns) / REST).sum(axis=1) / 2.0))
 
 
 def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:

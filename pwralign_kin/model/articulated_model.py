@@ -241,6 +241,12 @@ class ArticulatedModel:
             values[self._index[name]] = value
         return values
 
+    def within_limits(self, values: Array) -> Array:
+        """Return actuated values (k,) within the limits: wrapped where a full turn changes nothing, else clamped."""
+        span = np.where(self.continuous, self.upper - self.lower, 1.0)
+        wrapped = self.lower + np.mod(values - self.lower, span)
+        return np.where(self.continuous, wrapped, np.clip(values, self.lower, self.upper))
+
     def check_limits(self, joints: Mapping[str, float]) -> None:
         """Raise `UnknownNameError` for a name that is no actuated joint, `StateError` for a value beyond the limits."""
         for name, value in joints.items():

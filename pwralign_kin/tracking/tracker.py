@@ -381,9 +381,5 @@ class Tracker:
         return np.asarray(fit.covariance * np.outer(scale, scale))
 
     def _state(self, T: Array, values: Array) -> State:
-        model = self.model
-        given = values * self._unit
-        span = np.where(model.continuous, model.upper - model.lower, 1.0)
-        turned = model.lower + np.mod(given - model.lower, span)
-        joints = np.where(model.continuous, turned, np.clip(given, model.lower, model.upper))
-        return State(T, dict(zip(model.joint_names, joints.tolist(), strict=True)), model.root_link)
+        joints = self.model.within_limits(values * self._unit)
+        return State(T, dict(zip(self.model.joint_names, joints.tolist(), strict=True)), self.model.root_link)

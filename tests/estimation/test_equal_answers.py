@@ -122,3 +122,11 @@ def test_of_equal_answers_the_one_near_the_guess_is_meant(walker: pk.Articulated
     for meant in (first.state, other.state):
         found = pk.estimate(walker, scanned.scan, initial=meant).state
         assert found.joints["left_hip"] == pytest.approx(meant.joints["left_hip"], abs=0.01)
+
+
+def test_of_equal_answers_the_one_near_the_prior_is_meant(walker: pk.ArticulatedModel, scanned: SimulatedScan) -> None:
+    first = pk.estimate(walker, scanned.scan)
+    (other,) = [other for other in first.alternatives if other.equal]
+    for meant in (first.state, other.state):
+        found = pk.estimate(walker, scanned.scan, options=pk.EstimatorOptions(prior=meant.joints)).state
+        assert found.joints["left_hip"] == pytest.approx(meant.joints["left_hip"], abs=0.01)
