@@ -1,5 +1,5 @@
 #include "articulated.hpp"
-#include <numeric>
+#include <algorithm>
 
 namespace pwr {
 
@@ -45,25 +45,15 @@ void Articulated::finish(Surface &s) const {
     table.shortest = std::min(.25f * s.size, .08f);
     table.longest = s.size;
     table.distance_bins = int(s.size / PairTable::distance_bin) + 1;
-    std::vector<int> key, first;
-    std::vector<float> frame;
+    table.pairs.reserve(size_t(count) * count);
     for (int a = 0; a < count; ++a)
         for (int b = 0; b < count; ++b) {
             float R[9];
             if (a == b || norm(s.p[b] - s.p[a]) <= table.shortest) continue;
             if (!PairTable::pair_frame(s.n[a], s.p[b] - s.p[a], R)) continue;
-            key.push_back(table.feature(s.p[a], s.n[a], s.p[b], s.n[b]));
-            first.push_back(a);
-            frame.insert(frame.end(), R, R + 9);
+            table.pairs.push_back(PairTable::packed(table.feature(s.p[a], s.n[a], s.p[b], s.n[b]), a, b));
         }
-    std::vector<int> order(key.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return key[a] < key[b]; });
-    for (int at : order) {
-        table.key.push_back(key[at]);
-        table.first.push_back(first[at]);
-        table.frame.insert(table.frame.end(), &frame[9 * at], &frame[9 * at] + 9);
-    }
+    std::sort(table.pairs.begin(), table.pairs.end());
 }
 
 Rigid Articulated::joint_placement(int part, double value) const {

@@ -13,11 +13,16 @@ struct PairTable {
     static constexpr float distance_bin = .02f;
     float shortest = 0, longest = 0;
     int distance_bins = 0;
-    std::vector<int> key, first; // feature and first sample of each pair
-    std::vector<float> frame;    // (9) rotation whose x axis is the normal and whose y axis leans to the second sample
+    std::vector<uint64_t> pairs; // sorted: feature, first and second sample of each, in 32, 16 and 16 bits
 
     int feature(Vec p, Vec n, Vec q, Vec m) const;
+    // Rotation (9) whose x axis is the normal and whose y axis leans to the second point; false where there is none.
     static bool pair_frame(Vec n, Vec direction, float *R);
+    static uint64_t packed(int feature, int first, int second) {
+        return uint64_t(feature) << 32 | uint64_t(first) << 16 | uint64_t(second);
+    }
+    static int first(uint64_t pair) { return int(pair >> 16 & 0xFFFF); }
+    static int second(uint64_t pair) { return int(pair & 0xFFFF); }
 };
 
 struct Surface {

@@ -112,7 +112,7 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
     std::vector<Hypothesis> candidates;
-    if (table.key.empty() || points.empty()) return candidates;
+    if (table.pairs.empty() || points.empty()) return candidates;
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
     const int count = int(points.size()), anchor_count = std::min(anchors, count);
     std::vector<int> order = points;
@@ -136,13 +136,17 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
         for (int b = 0; b < per_anchor && b < found; ++b) {
             std::swap(near[b], near[b + random.below(uint32_t(found - b))]);
             const OrientedPoint &q = field.points[near[b]];
-            float Rs[9];
+            float Rs[9], Rm[9];
             if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
-            const auto range = std::equal_range(table.key.begin(), table.key.end(), table.feature(p.p, p.n, q.p, q.n));
-            const int matches = int(range.second - range.first), start = int(range.first - table.key.begin());
+            const int feature = table.feature(p.p, p.n, q.p, q.n);
+            const auto start = std::lower_bound(table.pairs.begin(), table.pairs.end(), PairTable::packed(feature, 0, 0));
+            const auto end = std::lower_bound(start, table.pairs.end(), PairTable::packed(feature + 1, 0, 0));
+            const int matches = int(end - start);
             for (int v = 0; v < std::min(matches, votes_of_pair); ++v) {
-                const int m = start + int(random.below(uint32_t(matches)));
-                consider(part, aligning(Rs, p.p, &table.frame[9 * m], s.p[table.first[m]]), point_weights, candidates);
+                const uint64_t pair = start[random.below(uint32_t(matches))];
+                const int first = PairTable::first(pair), second = PairTable::second(pair);
+                PairTable::pair_frame(s.n[first], s.p[second] - s.p[first], Rm);
+                consider(part, aligning(Rs, p.p, Rm, s.p[first]), point_weights, candidates);
             }
         }
     }
