@@ -6,7 +6,9 @@ rays leave them freely over random configurations. Everything here is in units o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -175,10 +177,9 @@ def build_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
     probe_points = [points[kept] for (points, *_), kept in zip(candidates, probes, strict=True)]
     probe_normals = [normals[kept] for (_, normals, *_), kept in zip(candidates, probes, strict=True)]
     seen, facing = _visibility(model, meshes, probe_points, probe_normals, random)
-    return tuple(
-        _surface(meshes[i][0], *candidates[i], probe_points[i], probe_normals[i], seen[i], facing[i])
-        for i in range(len(meshes))
-    )
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        vertices = [vertices for vertices, _ in meshes]
+        return tuple(pool.map(_surface, vertices, candidates, probe_points, probe_normals, seen, facing))
 
 
 def _evenly_spaced(
@@ -248,16 +249,14 @@ def _visibility(
 
 def _surface(
     vertices: NDArray[Any],
-    dense: Float,
-    dense_normals: Float,
-    spacing: float,
-    area: float,
+    candidates: tuple[Float, Float, float, float],
     probes: Float,
     probe_normals: Float,
     seen: Float,
     facing: Float,
 ) -> Surface:
-    """Build one part's surface from its points and the visibility of its probes."""
+    """Build one part's surface from its points (`_evenly_spaced`) and the visibility of its probes."""
+    dense, dense_normals, spacing, area = candidates
     visible = seen > SEEN_SHARE
     if visible.sum() < LEAST_SAMPLES:
         return _no_surface()
@@ -267,9 +266,7 @@ def _surface(
     near = cKDTree(probes).query(dense, k=min(6, len(probes)))[1]
     same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > 0.3
     probe = near[np.arange(len(dense)), np.argmax(same_side, axis=1)]
-    kept = np.ones(len(dense), bool)
-    flipped = np.where(facing[probe] < 0, -1, 1)[:, None]
-    dense, dense_normals = dense[kept], (dense_normals * flipped)[kept]
+    dense_normals = dense_normals * np.where(facing[probe] < 0, -1, 1)[:, None]
     oriented = (probe_normals * np.where(facing < 0, -1, 1)[:, None])[visible]
     outer, frequency = probes[visible], seen[visible]
     coarse = kernels.farthest_points(np.ascontiguousarray(outer), COARSE_SAMPLES)
@@ -281,10 +278,9 @@ def _surface(
     cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
     nx, ny, nz = (int(np.ceil(e / cell)) + 1 for e in extent)
     dims = nx, ny, nz
-    dense = np.ascontiguousarray(dense, np.float32)
     grid = kernels.closest_sample_grid(dense, _triple(origin), cell, dims, GRID_BAND)
     visible_area = area * frequency.sum() / len(probes)
-    flat = _flat(np.ascontiguousarray(outer), np.ascontiguousarray(oriented[:, :], np.float32), area / len(probes))
+    flat = _flat(np.ascontiguousarray(outer), np.ascontiguousarray(oriented, np.float32), area / len(probes))
     centre = (low + high) / 2
     radius = np.linalg.norm(vertices - centre, axis=1).max()
     return Surface(

@@ -6,7 +6,9 @@ that of the other. Mirror images do not.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.model.surface import Surface
-from pwralign_kin.se3 import Array, inverse, rotation_about, transform
+from pwralign_kin.se3 import Array, inverse, rotation_about
 
 VERSION = 3  # part of the cache key: raise it when the comparison changes
 SAME = 0.003
@@ -26,6 +28,8 @@ WORTH_ALIGNING = 8.0
 """Motions that leave a mean distance of this many times `SAME` are aligned and looked at again."""
 NEARLY = 0.01
 """Mean distance (model diagonals) up to which a turn nearly maps a surface onto itself."""
+WORTH_MEASURING = 3.0
+"""Turns that take a few points this many times as far off are not measured."""
 ALIKE_SIZE, ALIKE_AREA = 0.03, 0.1
 """Relative differences of size and visible area up to which parts are compared at all."""
 ALIGNMENTS = 6
@@ -60,21 +64,21 @@ def find_symmetry(surfaces: Sequence[Surface]) -> Symmetry:
     to_kind = np.tile(np.eye(4), (count, 1, 1))
     turns = [np.zeros((0, 4, 4)) for _ in surfaces]
     nearly, nearly_off = [np.zeros((0, 4, 4)) for _ in surfaces], [np.zeros(0) for _ in surfaces]
-    looks: dict[int, _Look] = {}
-    for i, surface in enumerate(surfaces):
-        if not surface.exists:
-            continue
-        own = _Look(surface)
-        for other, look in looks.items():
-            found = list(_motions(own, look, first=True)) if own.may_be(look) else []
-            if found:
-                kind[i], to_kind[i] = other, found[0]
+    looks = {i: _Look(surface) for i, surface in enumerate(surfaces) if surface.exists}
+    for i, own in looks.items():
+        kind[i] = i
+        for other in dict.fromkeys(kind[:i][kind[:i] >= 0].tolist()):
+            found = next(_motions(own, looks[other]), None) if own.may_be(looks[other]) else None
+            if found is not None:
+                kind[i], to_kind[i] = other, found
                 break
-        else:
-            kind[i], looks[i] = i, own
-            turns[i] = np.array([np.eye(4), *_turns(own)])
-        exact = inverse(to_kind[i]) @ turns[kind[i]] @ to_kind[i]
-        nearly[i], nearly_off[i] = _near_turns(own, exact)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        kinds = [i for i in looks if kind[i] == i]
+        for i, own_turns in zip(kinds, pool.map(_turns, (looks[i] for i in kinds)), strict=True):
+            turns[i] = own_turns
+        exact = [inverse(to_kind[i]) @ turns[kind[i]] @ to_kind[i] for i in looks]
+        for i, near in zip(looks, pool.map(_near_turns, looks.values(), exact), strict=True):
+            nearly[i], nearly_off[i] = near
     return Symmetry(kind, to_kind, tuple(turns), tuple(nearly), tuple(nearly_off))
 
 
@@ -104,14 +108,31 @@ class _Look:
         return bool(np.ptp(sizes) < ALIKE_SIZE * sizes.max() and np.ptp(areas) < ALIKE_AREA * areas.max())
 
     def offsets(self, other: _Look, T: Array, count: int = PROBES) -> tuple[Array, Array, Array]:
-        """Return points (m, 3) of `other` after `T`, the normals there, and how far they are off this surface."""
-        points = transform(T, other.probes[:count])
+        """Return of motions `T` (..., 4, 4) how far points of `other` are off this surface.
+
+        The points (..., m, 3) after the motion, the surface's normals there, and the signed distances (..., m).
+        """
+        points = _moved(T, other.probes[:count])
         distance, near = self.tree.query(points)
         normals = self.surface.dense_normals[near].astype(float)
-        height = np.einsum("md,md->m", points - self.dense[near], normals)
-        facing = np.einsum("md,md->m", normals, other.normals[:count] @ T[:3, :3].T)
+        height = np.einsum("...md,...md->...m", points - self.dense[near], normals)
+        facing = np.einsum("...md,...md->...m", normals, other.normals[:count] @ np.swapaxes(T[..., :3, :3], -1, -2))
         off = np.maximum(np.abs(height), distance - self.spacing)
         return points, normals, np.where(facing > 0, off, np.maximum(off, 2 * self.tolerance)) * np.sign(height)
+
+    def off(self, other: _Look, T: Array, count: int = PROBES) -> Array:
+        """Return the mean distances (...) from this surface that motions `T` (..., 4, 4) leave `other` at."""
+        return np.asarray(np.abs(self.offsets(other, T, count)[2]).mean(axis=-1))
+
+    def apart(self, one: Array, several: Array) -> Array:
+        """Return how far apart (mean over the surface) motion `one` (4, 4) takes it from `several` (m, 4, 4)."""
+        moved = _moved(several, self.probes) - _moved(one, self.probes)
+        return np.asarray(np.linalg.norm(moved, axis=-1).mean(axis=-1))
+
+
+def _moved(T: Array, points: Array) -> Array:
+    """Return `points` (m, 3) after motions (..., 4, 4), as (..., m, 3)."""
+    return np.asarray(points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3])
 
 
 def _frame(axes: Array, origin: Array) -> Array:
@@ -120,47 +141,45 @@ def _frame(axes: Array, origin: Array) -> Array:
     return T
 
 
-def _turns(look: _Look) -> Iterator[Array]:
-    """Yield the distinct motions that map a surface onto itself, but for the identity."""
+def _turns(look: _Look) -> Array:
+    """Return the distinct motions (m, 4, 4) that map a surface onto itself, the identity first."""
     found = [np.eye(4)]
-    for T in _motions(look, look, first=False):
-        moved = [
-            np.linalg.norm(transform(T, look.probes) - transform(other, look.probes), axis=1).mean() for other in found
-        ]
-        if min(moved) > 4 * look.tolerance:
+    for T in _motions(look, look):
+        if look.apart(T, np.array(found)).min() > 4 * look.tolerance:
             found.append(T)
-            yield T
+    return np.array(found)
 
 
 def _near_turns(look: _Look, exact: Array) -> tuple[Array, Array]:
     """Return the turns (m, 4, 4) that nearly map a surface onto itself, unlike `exact` ones, and how far off (m,)."""
-    found, off = list(exact), []
-    for frame, turn in product(look.frames, _cube_turns()):
-        T = frame @ turn @ inverse(frame)
-        apart = [
-            np.linalg.norm(transform(T, look.probes) - transform(other, look.probes), axis=1).mean() for other in found
-        ]
-        if min(apart) > 2 * NEARLY:
-            distance = max(float(np.abs(look.offsets(look, motion)[2]).mean()) for motion in (T, inverse(T)))
-            if distance < NEARLY:
-                found.append(T)
-                off.append(distance)
-    return np.array(found[len(exact) :]).reshape(-1, 4, 4), np.array(off)
+    tried = _starts(look, look)
+    tried = tried[look.off(look, tried, FEW_PROBES) < WORTH_MEASURING * NEARLY]
+    tried = tried[[look.apart(T, exact).min() > 2 * NEARLY for T in tried]]
+    off = np.maximum(look.off(look, tried), look.off(look, inverse(tried)))
+    chosen: list[int] = []
+    for i in np.flatnonzero(off < NEARLY).tolist():
+        if not chosen or look.apart(tried[i], tried[chosen]).min() > 2 * NEARLY:
+            chosen.append(i)
+    return tried[chosen], off[chosen]
 
 
-def _motions(source: _Look, target: _Look, *, first: bool) -> Iterator[Array]:
+def _motions(source: _Look, target: _Look) -> Iterator[Array]:
     """Yield motions that lay one surface on the other: turns of a cube about either frame, then aligned."""
-    for one, other in zip(source.frames, target.frames, strict=True):
-        for turn in _cube_turns():
-            T = _aligned(source, target, other @ turn @ inverse(one))
-            if T is not None:
-                yield T
-                if first:
-                    return
+    starts = _starts(source, target)
+    for T in starts[target.off(source, starts, FEW_PROBES) <= WORTH_ALIGNING * target.tolerance]:
+        aligned = _aligned(source, target, T)
+        if aligned is not None:
+            yield aligned
 
 
-def _cube_turns() -> list[Array]:
-    """Return the 24 rotations of a cube, the identity first."""
+def _starts(source: _Look, target: _Look) -> Array:
+    """Return the motions (48, 4, 4) that turn `source` as a cube is turned, about its frames onto the target's."""
+    frames = zip(source.frames, target.frames, strict=True)
+    return np.concatenate([other @ CUBE_TURNS @ inverse(one) for one, other in frames])
+
+
+def _cube_turns() -> Array:
+    """Return the 24 rotations (24, 4, 4) of a cube, the identity first."""
     turns = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
@@ -168,13 +187,14 @@ def _cube_turns() -> list[Array]:
             R[range(3), order] = signs
             if np.linalg.det(R) > 0:
                 turns.append(_frame(R, np.zeros(3)))
-    return turns
+    return np.array(turns)
+
+
+CUBE_TURNS = _cube_turns()
 
 
 def _aligned(source: _Look, target: _Look, T: Array) -> Array | None:
     """Return the motion near `T` that lays `source` on `target` (point to plane), None if there is none."""
-    if float(np.abs(target.offsets(source, T, FEW_PROBES)[2]).mean()) > WORTH_ALIGNING * target.tolerance:
-        return None
     for iteration in range(ALIGNMENTS):
         points, normals, off = target.offsets(source, T)
         mean = float(np.abs(off).mean())
@@ -190,8 +210,7 @@ def _aligned(source: _Look, target: _Look, T: Array) -> Array | None:
         move = _frame(rotation_about(step[:3] / angle, angle) if angle > 1e-12 else np.eye(3), np.zeros(3))
         move[:3, 3] = centre + step[3:] - move[:3, :3] @ centre
         T = move @ T
-    back = source.offsets(target, inverse(T))[2]
-    return T if max(mean, float(np.abs(back).mean())) < target.tolerance else None
+    return T if max(mean, float(source.off(target, inverse(T)))) < target.tolerance else None
 
 
 def as_arrays(symmetry: Symmetry) -> dict[str, NDArray[Any]]:
