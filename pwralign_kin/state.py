@@ -15,6 +15,21 @@ from pwralign_kin.exceptions import StateError
 from pwralign_kin.se3 import Array, checked_placement
 
 
+def checked_joints(joints: Mapping[str, float], what: str) -> dict[str, float]:
+    """Return values by joint name as plain floats; raises `StateError` for what is none or not finite."""
+    if not isinstance(joints, Mapping):
+        raise StateError(f"{what} must map names to values, got {type(joints).__name__}")
+    checked: dict[str, float] = {}
+    for name, value in joints.items():
+        try:
+            checked[str(name)] = float(value)
+        except (TypeError, ValueError):
+            raise StateError(f"joint {name!r} has no number as its value: {value!r}") from None
+        if not np.isfinite(checked[str(name)]):
+            raise StateError(f"joint {name!r} has a value that is not finite: {value!r}")
+    return checked
+
+
 @dataclass(frozen=True)
 class State:
     """Base placement and joint values by name.
@@ -39,17 +54,7 @@ class State:
         object.__setattr__(self, "T_scan_base", T)
         if not isinstance(self.base_link, str | None):
             raise StateError(f"base_link must be the name of a link or None, not {self.base_link!r}")
-        if not isinstance(self.joints, Mapping):
-            raise StateError(f"joints must map names to values, got {type(self.joints).__name__}")
-        joints: dict[str, float] = {}
-        for name, value in self.joints.items():
-            try:
-                joints[str(name)] = float(value)
-            except (TypeError, ValueError):
-                raise StateError(f"joint {name!r} has no number as its value: {value!r}") from None
-            if not np.isfinite(joints[str(name)]):
-                raise StateError(f"joint {name!r} has a value that is not finite: {value!r}")
-        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "joints", checked_joints(self.joints, "joints"))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `state.json`."""

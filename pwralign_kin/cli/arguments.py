@@ -38,8 +38,8 @@ MeshUnitsChoice = Annotated[
 ]
 
 Units = Annotated[
-    Literal["m", "mm", "auto"],
-    Parameter(help="Unit of the scan file; auto: mm where m makes no sense beside the model."),
+    Literal["m", "cm", "mm", "in", "auto"],
+    Parameter(help="Unit of the scan file; auto: another one where m makes no sense beside the model."),
 ]
 
 Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
@@ -56,7 +56,7 @@ Pose = tuple[float, float, float, float, float, float, float]
 
 Gravity = Annotated[
     Triple | None,
-    Parameter(help="x y z: the direction in the scan that is up for the model (its z), of any length.", negative=()),
+    Parameter(help="x y z: the direction in the scan in which things fall, against the model's z.", negative=()),
 ]
 
 Near = Annotated[
@@ -77,6 +77,11 @@ Crop = Annotated[
 ]
 
 Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
+
+
+def upwards(gravity: Triple | None) -> Triple | None:
+    """Return the direction that is up, of any length."""
+    return None if gravity is None else (-gravity[0], -gravity[1], -gravity[2])
 
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
@@ -131,7 +136,7 @@ def known_names(kind: str, text: str | None, valid: Iterable[str]) -> tuple[str,
     """Return the names in a list with commas, none for None; raises `UnknownNameError` for one that is not valid."""
     from pwralign_kin.exceptions import UnknownNameError
 
-    names = () if text is None else tuple(text.split(","))
+    names = () if text is None else tuple(name.strip() for name in text.split(",") if name.strip())
     valid = tuple(valid)
     for name in names:
         if name not in valid:
@@ -174,15 +179,16 @@ def read_scan(
     return scan if crop is None else scan.cropped(crop[:3], crop[3:])
 
 
-def in_metres(scan: Scan, units: Literal["m", "mm", "auto"], diagonal: float) -> tuple[Scan, float]:
+def in_metres(scan: Scan, units: Units, diagonal: float) -> tuple[Scan, float]:
     """Return the scan in m, and the length of its unit in m.
 
     Raises `UnitError` when `units` cannot be true beside a model of `diagonal` m.
     """
-    from pwralign_kin.scan import check_units
+    from pwralign_kin.scan import METRES, check_units, likely_unit
 
-    metres = check_units(scan.scaled(1e-3) if units == "mm" else scan, diagonal, units)
-    return metres, 1.0 if metres is scan else 1e-3
+    check_units(scan, diagonal, units)
+    unit = likely_unit(scan, diagonal) if units == "auto" else units
+    return scan if unit == "m" else scan.scaled(METRES[unit]), METRES[unit]
 
 
 def read_model(
@@ -198,7 +204,7 @@ def read_model(
 
 
 def all_in_metres(
-    scans: Sequence[Scan], units: Literal["m", "mm", "auto"], diagonal: float, near: Triple | None, region: Box | None
+    scans: Sequence[Scan], units: Units, diagonal: float, near: Triple | None, region: Box | None
 ) -> tuple[list[Scan], dict[str, Any]]:
     """Return the scans in m, and the hints of `EstimatorOptions` in m that are given in the unit of the scans.
 

@@ -28,7 +28,9 @@ def benchmark(
         "full,single,warm"
     ),
     methods: Annotated[str | None, Parameter(help="Methods, with commas between; by default all.")] = None,
-    baseline: Annotated[str, Parameter(help="The method whose time is 1.")] = "default",
+    baseline: Annotated[
+        str | None, Parameter(help="The method whose time is 1; default where it runs, else the first.")
+    ] = None,
     configurations: Annotated[Count, Parameter(help="Random states of each robot in each tier.")] = 1,
     repeats: Annotated[Count, Parameter(help="How often each method runs on each scan.")] = 3,
     seed: Seed = 0,
@@ -52,17 +54,21 @@ def benchmark(
     from pwralign_kin.benchmark.runs import tier_cases
     from pwralign_kin.benchmark.suite import COMPARED, FIGURES, models
     from pwralign_kin.benchmark.table import plain
+    from pwralign_kin.dependencies import peer
 
     chosen = arguments.known_names("method", methods, CONTENDERS) or tuple(CONTENDERS)
+    if baseline is None:
+        baseline = "default" if "default" in chosen else chosen[0]
     arguments.known_names("method", baseline, chosen)
     kinds = arguments.known_names("tier", tiers, SENSORS)
     if plots is not None:
+        peer("matplotlib")
         arguments.check_folder(plots)
     if robots is None and not sample_names(samples):
         messages.say(f"{samples} has no sample models (--samples): only robots of example-robot-data", "note")
         names = tuple(name for name in COMPARED if name not in FIGURES)
     else:
-        names = COMPARED if robots is None else tuple(robots.split(","))
+        names = COMPARED if robots is None else tuple(name.strip() for name in robots.split(",") if name.strip())
     count = threads or os.cpu_count() or 1
     with messages.progress() as show:
         cases = tier_cases(models(samples, names), kinds, configurations)

@@ -21,7 +21,7 @@ from pwralign_kin.cli.arguments import (
     Units,
     Urdf,
 )
-from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import SharedBaseEstimate
@@ -73,13 +73,11 @@ def calibrate(
                 if name not in own:
                     messages.say(f"{values} does not tell {name}: it is estimated", "note")
         scans, hints = arguments.all_in_metres(scans, units, model.diagonal, near, region)
-        options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=BasePrior(up=gravity), **hints)
+        known = BasePrior(up=arguments.upwards(gravity))
+        options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=known, **hints)
         result = calibrated(model, scans, joints, options, progress=show)
     _report(result, out, json)
-    if result.confidence >= ENOUGH_CONFIDENCE:
-        return OK
-    messages.say(f"low confidence ({result.confidence:.2f}): look at the result before you use it", "warning")
-    return LOW_CONFIDENCE
+    return messages.outcome(result.confidence, "result")
 
 
 def _split(pair: str) -> tuple[Path, Path]:

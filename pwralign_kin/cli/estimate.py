@@ -27,7 +27,7 @@ from pwralign_kin.cli.arguments import (
     Units,
     Urdf,
 )
-from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import Estimate, SharedBaseEstimate
@@ -114,7 +114,7 @@ def estimate(
             T_scan_base=None if base is None or base_std is None else arguments.placement(base),
             translation_std=base_std[0] if base_std else 0.0,
             rotation_std=math.radians(base_std[1]) if base_std else 0.0,
-            up=gravity,
+            up=arguments.upwards(gravity),
             region=None if base_region is None else (base_region[:3], base_region[3:]),
         )
         options = EstimatorOptions(
@@ -148,10 +148,7 @@ def estimate(
         print(_as_json(result))
     else:
         print("".join(f"wrote {path}\n" for path in written), end="")
-    if result.confidence >= ENOUGH_CONFIDENCE:
-        return OK
-    messages.say(f"low confidence ({result.confidence:.2f}): look at the result before you use it", "warning")
-    return LOW_CONFIDENCE
+    return messages.outcome(result.confidence, "result")
 
 
 def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:

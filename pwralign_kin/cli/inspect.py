@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import GeometryChoice, MeshUnitsChoice, PackageDirs, ScanPath, Urdf
 from pwralign_kin.cli.table import table
-from pwralign_kin.exceptions import MissingMeshError, UnitError
+from pwralign_kin.exceptions import MissingMeshError
 
 if TYPE_CHECKING:
     from pwralign_kin.model import ArticulatedModel, MovingJoint
@@ -97,20 +97,19 @@ def _relation(joint: MovingJoint) -> str:
 
 def _compared(scan: Scan, model: ArticulatedModel) -> str:
     """Return what the scan holds and which unit makes sense beside the model."""
+    from pwralign_kin.scan import METRES, likely_unit
+
     origin = {None: "unknown", 1: "one", 2: "one per point"}[
         None if scan.sensor_origin is None else scan.sensor_origin.ndim
     ]
     dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
-    try:
-        arguments.in_metres(scan, "m", model.diagonal)
-        unit = "m"
-    except UnitError:
-        unit = "mm: use --units mm"
+    unit = likely_unit(scan, model.diagonal)
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
         ("extent", " x ".join(f"{length:.4g}" for length in scan.extent)),
-        ("unit", unit),
+        ("beside the model", f"{METRES[unit] * scan.diagonal / model.diagonal:.3g} times as large"),
+        ("likely unit", unit if unit == "m" else f"{unit}: use --units {unit}"),
         ("sensor origin", origin),
         ("normals", "none" if scan.normals is None else "given"),
     ]

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK
+
 
 class _StderrHandler(logging.Handler):
     """Writes each record of the library as one line.
@@ -52,6 +54,15 @@ def complain(text: str, code: int) -> int:
     """Write an error as one line and return the exit code."""
     say(text, "error")
     return code
+
+
+def outcome(confidence: float, result: str) -> int:
+    """Return the exit code of a result; one of little confidence is warned about."""
+    if confidence >= ENOUGH_CONFIDENCE:
+        return OK
+    low = f"low confidence ({confidence:.2g}, below {ENOUGH_CONFIDENCE})"
+    say(f"{low}: look at the {result} before you use it", "warning")
+    return LOW_CONFIDENCE
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from pwralign_kin.cli.arguments import (
     Triple,
     Urdf,
 )
-from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK, UsageError
+from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
     from pwralign_kin.tracking import TrackedFrame
@@ -63,7 +63,7 @@ def track(
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
     ] = None,
     topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None,
-    units: Annotated[Literal["m", "mm"], Parameter(help="Unit of scan files.")] = "m",
+    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.")] = "m",
     time_limit: Annotated[
         float | None, Parameter(help="Seconds that a frame may take; results then depend on the machine.")
     ] = None,
@@ -128,11 +128,7 @@ def track(
                 points = [TrackPoint(own.time, own.state, own.lost, own.std, own.to_dict()) for own in tracked]
                 written = export_track(points, model, out, mcap=mcap)
     _print(tracked, written, model.units, json)
-    confidence = float(np.median([own.confidence for own in tracked])) if tracked else 0.0
-    if confidence >= ENOUGH_CONFIDENCE:
-        return OK
-    messages.say(f"low confidence (median {confidence:.2f}): look at the track before you use it", "warning")
-    return LOW_CONFIDENCE
+    return messages.outcome(float(np.median([own.confidence for own in tracked])) if tracked else 0.0, "track")
 
 
 def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], units: Mapping[str, str], as_json: bool) -> None:

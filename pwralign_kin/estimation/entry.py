@@ -78,21 +78,25 @@ def estimate(
 def calibrate(
     model: ArticulatedModel,
     scans: Sequence[Scan],
-    joints: Sequence[Mapping[str, float]],
+    joints: Sequence[Mapping[str, float] | State],
     options: EstimatorOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> SharedBaseEstimate:
     """Estimate where a robot stands in a sensor's frame from scans with known joint values: no guess is needed.
 
-    `joints` holds the values (rad or m) of each scan by name, as encoders give them; joints that are not named are
-    estimated. Raises what `estimate` raises, and `StateError` when there is not one set of values a scan.
+    `joints` holds the values (rad or m) of each scan by name, as encoders give them, or a `State` with them; joints
+    that are not named are estimated. Raises what `estimate` raises, and `StateError` when there is not one set of
+    values a scan.
     """
+    if isinstance(scans, Scan) or isinstance(joints, Mapping | State):
+        raise StateError("calibrate takes a sequence of scans and one of joint values, a set for each scan")
     if len(joints) != len(scans):
         raise StateError(f"{len(scans)} scans but {len(joints)} sets of joint values")
     options = options or EstimatorOptions()
+    encoders = [values.joints if isinstance(values, State) else values for values in joints]
     known = [
         replace(options, prior={**options.prior, **values}, locked=tuple(dict.fromkeys((*options.locked, *values))))
-        for values in joints
+        for values in encoders
     ]
     none = [None] * len(scans)
     return estimate_shared_base(model, scans, none, none, known, progress)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
+from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
 
@@ -54,12 +55,15 @@ class Estimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
+        if not isinstance(model, ArticulatedModel):
+            got = type(model).__name__
+            raise StateError(f"expected an ArticulatedModel, got {got}; ArticulatedModel.from_urdf(path) reads one")
         for name in (*options.locked, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
         model.check_limits(options.prior)
         for name, std in options.prior_std.items():
-            if not (np.isfinite(std) and std > 0):
+            if std <= 0.0:
                 raise StateError(f"the standard deviation of joint {name!r} must be a positive number, not {std}")
         self.model = model
         self.options = options
@@ -120,18 +124,17 @@ class Estimator:
     def _check_hints(self, scan: Scan) -> None:
         """Raise `ScanError` for hints that lead away from the scan."""
         low, high = scan.points.min(axis=0), scan.points.max(axis=0)
-        extent = f"the scan is from {_point(low)} to {_point(high)} m"
+        extent = f"the scan is from {point_text(low)} to {point_text(high)} m"
         near, region = self.options.near, self.options.region
         if near is not None:
             away = float(np.linalg.norm(np.maximum(np.maximum(low - near, near - high), 0.0)))
             if away > self.model.reach:
-                raise ScanError(scan.source, f"near {_point(near)} is {away:.3g} m away from it: {extent}")
+                raise ScanError(scan.source, f"near {point_text(near)} is {away:.3g} m away from it: {extent}")
         if region is not None:
             inside = np.all((scan.points >= region[0]) & (scan.points <= region[1]), axis=1)
             if not inside.any():
-                raise ScanError(
-                    scan.source, f"no point is in the region {_point(region[0])} to {_point(region[1])}: {extent}"
-                )
+                box = f"{point_text(region[0])} to {point_text(region[1])}"
+                raise ScanError(scan.source, f"no point is in the region {box}: {extent}")
 
     def _searched_box(self, initial: State | None) -> tuple[Array, Array]:
         """Return the corners of the box (scan frame, m) that the guess and the hints leave to search."""
@@ -204,7 +207,3 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
-
-
-def _point(values: Iterable[float]) -> str:
-    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"

@@ -29,6 +29,8 @@ FEWEST = 2000
 """... down to this many: noise that hides the surface from the nearest neighbours reaches further than they do."""
 LEAST_POINTS = 20
 """Occupied cells of the downsampling below which a scan cannot be of the model."""
+LEAST_BESIDE = 0.02
+"""Share of the cells beside a wide plane below which a scan is of the plane alone, and the rest its noise."""
 MOST_EXTENT = 1000.0
 """Model diagonals beyond which a scan is not looked at."""
 MOST_CELLS = 1.5e8
@@ -146,8 +148,12 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         wide_plane(raw, options, options.plane_spread, threads) if options.remove_planes and origin is None else None
     )
     if plane is not None:
-        raw = _without_plane(raw, *plane, options)
+        cells, noise = len(points), noise_of(at_most(raw, options.most_raw), threads)
+        raw = _without_plane(raw, *plane, max(1.2 * options.plane_tolerance, 3.0 * noise))
         points, _, cell = kernels.voxel_means(raw, options.voxel)
+        if len(points) < max(LEAST_POINTS, LEAST_BESIDE * cells):
+            few = f"{len(points)} of {cells} cells of {100 * options.voxel:g}% of the model"
+            raise ScanError(scan.source, f"it is of a plane wider than the model, and beside that fills only {few}")
     points, spacing = _without_strays(points, options, threads)
     noise = noise_of(at_most(raw, options.most_raw), threads)
     normals = normals_of(points, noise, spacing, options, threads)
@@ -292,9 +298,9 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
 
-def _without_plane(points: Float, centre: Float, normal: Float, options: ObservationOptions) -> Float:
-    """Remove what lies on a plane."""
-    return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > 1.2 * options.plane_tolerance])
+def _without_plane(points: Float, centre: Float, normal: Float, distance: float) -> Float:
+    """Remove what is no farther than `distance` from a plane."""
+    return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > distance])
 
 
 def wide_plane(

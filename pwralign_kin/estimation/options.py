@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 from pwralign_kin.estimation.correspondences import FpfhMatcher
@@ -17,6 +18,7 @@ from pwralign_kin.estimation.scene import SceneOptions
 from pwralign_kin.estimation.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions
 from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.state import checked_joints
 
 EffortName = Literal["fast", "default", "thorough"]
 
@@ -68,15 +70,25 @@ class EstimatorOptions:
 
     def __post_init__(self) -> None:
         """Check what does not depend on the model."""
-        if self.seed < 0:
-            raise StateError(f"the seed must not be negative, got {self.seed}")
-        if self.threads < 0:
-            raise StateError(f"threads must be 1 or more, or 0 for one per core, not {self.threads}")
+        if not isinstance(self.seed, Integral) or not 0 <= self.seed < 2**64:
+            raise StateError(f"the seed must be a whole number from 0 to 2**64 - 1, not {self.seed!r}")
+        if not isinstance(self.threads, Integral) or self.threads < 0:
+            raise StateError(f"threads must be 1 or more, or 0 for one per core, not {self.threads!r}")
         if self.effort not in get_args(EffortName):
             raise UnknownNameError("effort", self.effort, get_args(EffortName))
+        for name in ("locked", "sources"):
+            if isinstance(getattr(self, name), str):
+                raise StateError(f"{name} takes several names, not one string: ({getattr(self, name)!r},)")
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for source in self.sources:
             if source not in SOURCES:
                 raise UnknownNameError("source", source, SOURCES)
+        for name in ("prior", "prior_std"):
+            object.__setattr__(self, name, checked_joints(getattr(self, name), name))
+        for section in fields(self):
+            kind = section.default_factory
+            if isinstance(kind, type) and is_dataclass(kind) and not isinstance(getattr(self, section.name), kind):
+                raise StateError(f"{section.name} must be {kind.__name__}, not {getattr(self, section.name)!r}")
         if self.region is not None:
             object.__setattr__(self, "region", checked_box(self.region, "region"))
         if self.near is not None:

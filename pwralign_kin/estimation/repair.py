@@ -166,6 +166,8 @@ def _regrown(
     options: RepairOptions,
 ) -> list[Candidates]:
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
+    if len(search.exists) == 1:
+        return []
     count, exists, parent = len(search.exists), search.exists, search.parent
     below = _subtrees(search)
     near = bad | search.lacks(solution) if missing else bad.copy()

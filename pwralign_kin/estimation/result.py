@@ -160,7 +160,8 @@ class Estimate:
             answers = "other answer" if len(self.alternatives) == 1 else "other answers"
             lines += ["", f"{len(self.alternatives)} {answers}, {equal} of them equal, {rival}"]
         outcome = "converged" if self.converged else "NOT converged"
-        lines.append(f"{outcome} in {self.iterations} iterations, {sum(self.timings.values()):.2f} s")
+        steps = f"{self.iterations} iteration{'s' * (self.iterations != 1)}"
+        lines.append(f"{outcome} in {steps}, {sum(self.timings.values()):.2f} s")
         return "\n".join(lines)
 
 

@@ -124,7 +124,8 @@ def observe_scene(
     region = _regions(points, area, near & ~planes, total_area(surfaces), options)
     if (region < 0).all():
         where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
-        raise ScanError(scan.source, f"nothing in {where} has points as close together as it takes to show the model")
+        size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
+        raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")
     kept = np.flatnonzero(_surroundings(points, region >= 0, options.margin))
     searched = region[kept] >= 0
     return _observed(

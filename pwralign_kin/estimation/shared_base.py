@@ -7,6 +7,7 @@ normal matrix has the shape of an arrow, a block per scan that only the base's r
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,6 +31,8 @@ from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
+
+logger = logging.getLogger(__name__)
 
 PULL_TURN, PULL_DISTANCE = 0.05, 0.02
 """Standard deviations (rad, model diagonals) of another scan's base as a prior: single scans tell it no better."""
@@ -335,7 +338,11 @@ class SharedLeastSquares:
             if converged or iterations >= options.iterations:
                 break
             iterations += 1
-            step = self.solve(problems, values)
+            try:
+                step = self.solve(problems, values)
+            except np.linalg.LinAlgError as error:
+                logger.warning("%s: the answer has not converged", error)
+                break
             move = se3.exp(step[:6])
             base[:3, :3] = move[:3, :3] @ base[:3, :3]
             base[:3, 3] += move[:3, 3] * observations[0].diagonal

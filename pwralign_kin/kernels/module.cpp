@@ -164,7 +164,8 @@ void bind_clouds(nb::module_ &m) {
     }, "points"_a, "queries"_a, "sizes"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require_cells(points, cell);
-        require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
+        require(points.shape(0) > 0, "there are no points");
+        require(points.shape(0) == normals.shape(0), "points and normals differ in length");
         nb::gil_scoped_release release;
         std::vector<float> open = openness(vectors(points), vectors(normals), points.shape(0), cell, threads);
         nb::gil_scoped_acquire acquire;

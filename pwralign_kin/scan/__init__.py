@@ -2,8 +2,18 @@
 
 from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.frames import FrameOptions, read_frames
-from pwralign_kin.scan.scan import DepthCamera, Scan
-from pwralign_kin.scan.units import check_units
+from pwralign_kin.scan.scan import METRES, DepthCamera, Scan
+from pwralign_kin.scan.units import check_units, likely_unit
 from pwralign_kin.scan.writers import write_ply
 
-__all__ = ["DepthCamera", "DepthFrame", "FrameOptions", "Scan", "check_units", "read_frames", "write_ply"]
+__all__ = [
+    "METRES",
+    "DepthCamera",
+    "DepthFrame",
+    "FrameOptions",
+    "Scan",
+    "check_units",
+    "likely_unit",
+    "read_frames",
+    "write_ply",
+]

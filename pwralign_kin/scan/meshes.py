@@ -52,7 +52,7 @@ def read_obj(data: bytes, path: Path) -> FileContent:
     """Return the vertices and triangulated faces of the OBJ content `data`; raises `ScanError` naming
     `path`."""
     lines = data.decode("utf-8", errors="replace").splitlines()
-    vertex_rows = [line for line in lines if line.startswith("v ")]
+    vertex_rows = [line for line in lines if _keyword(line) == "v"]
     if not vertex_rows:
         raise ScanError(path, "the OBJ file has no vertices")
     try:
@@ -63,11 +63,15 @@ def read_obj(data: bytes, path: Path) -> FileContent:
     return FileContent(points=vertices, faces=_checked_faces(faces, len(vertices), path))
 
 
+def _keyword(line: str) -> str:
+    return line.split(None, 1)[0] if line[:1] in "vf" and line.strip() else ""
+
+
 def _obj_faces(lines: list[str]) -> NDArray[np.int64]:
     """Return the triangulated polygons; a corner such as 7/1/3 counts from 1, or back from the last vertex so
     far."""
-    is_vertex = np.fromiter((line.startswith("v ") for line in lines), dtype=bool, count=len(lines))
-    at = np.array([number for number, line in enumerate(lines) if line.startswith("f ")], dtype=np.int64)
+    is_vertex = np.fromiter((_keyword(line) == "v" for line in lines), dtype=bool, count=len(lines))
+    at = np.array([number for number, line in enumerate(lines) if _keyword(line) == "f"], dtype=np.int64)
     known = np.cumsum(is_vertex)[at]
     rows = _OBJ_ATTRIBUTES.sub("", "\n".join(lines[number] for number in at)).splitlines()
     sizes = np.array([len(row.split()) - 1 for row in rows], dtype=np.int64)

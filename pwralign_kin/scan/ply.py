@@ -22,6 +22,10 @@ _TYPES = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
+ORIGIN_COMMENT = "sensor_origin"
+"""First word of the comment that tells where the points were seen from; x, y and z follow."""
+
+
 @dataclass(frozen=True)
 class _Property:
     name: str
@@ -50,12 +54,12 @@ Column = NDArray[np.generic] | list[NDArray[np.generic]]
 
 
 def read_ply(data: bytes, path: Path) -> FileContent:
-    """Return the vertices of the PLY file content `data`, with normals and triangulated faces where it has
-    them.
+    """Return the vertices of the PLY file content `data`, with normals, triangulated faces and a sensor origin where it
+    has them.
 
     Raises `ScanError` naming `path` for a malformed header, an unknown type, or less data than announced.
     """
-    order, elements, offset = _header(data, path)
+    order, elements, offset, origin = _header(data, path)
     if order:
         columns = _binary_elements(data, offset, order, elements, path)
     else:
@@ -69,11 +73,11 @@ def read_ply(data: bytes, path: Path) -> FileContent:
     face = columns.get("face", {})
     corners = face.get("vertex_indices", face.get("vertex_index"))
     faces = None if corners is None or len(corners) == 0 else _triangles(corners, len(points), path)
-    return FileContent(points=points, normals=_stacked(vertex, ("nx", "ny", "nz")), faces=faces)
+    return FileContent(points=points, normals=_stacked(vertex, ("nx", "ny", "nz")), faces=faces, sensor_origin=origin)
 
 
-def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
-    """Return the byte order ("" for ascii), the elements, and where the body begins."""
+def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int, Array | None]:
+    """Return the byte order ("" for ascii), the elements, where the body begins, and the sensor origin (3,)."""
     if not data.startswith((b"ply\n", b"ply\r")):
         raise ScanError(path, "not a PLY file: it does not begin with the line ply")
     end = data.find(b"\nend_header")
@@ -82,9 +86,15 @@ def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
         raise ScanError(path, "truncated: the PLY header has no end")
     order: str | None = None
     elements: list[_Element] = []
+    origin: Array | None = None
     for line in data[:end].decode("ascii", errors="replace").splitlines()[1:]:
         words = line.split()
         match words:
+            case ["comment", word, *numbers] if word == ORIGIN_COMMENT and len(numbers) == 3:
+                try:
+                    origin = np.array(numbers, np.float64)
+                except ValueError:
+                    raise ScanError(path, f"PLY header line not understood: {line.strip()[:80]!r}") from None
             case [] | ["comment" | "obj_info", *_]:
                 continue
             case ["format", form, _] if form in _ORDERS:
@@ -104,7 +114,7 @@ def _header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
     bare = [element.name for element in elements if not element.properties]
     if bare:
         raise ScanError(path, f"the PLY element {bare[0]!r} has no properties")
-    return order, elements, newline + 1
+    return order, elements, newline + 1, origin
 
 
 def _append(elements: list[_Element], prop: _Property) -> None:

@@ -45,7 +45,9 @@ def read(path: Path | str) -> FileContent:
         raise ScanError(path, "no such file")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}")
+        depth = "; a depth image becomes a scan by `pwralign track` or `Scan.from_depth`, with its camera's intrinsics"
+        is_image = path.suffix.lower() in _IMAGES
+        raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}{depth if is_image else ''}")
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -179,9 +181,13 @@ def _numeric(array: NDArray[np.generic], path: Path, name: str) -> Array:
 
 
 def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
-    if array.ndim != 2 or array.shape[1] < 3:
-        raise ScanError(path, f"the array {name} must have the shape (n, 3) or more columns, got {array.shape}")
-    return _numeric(array, path, name)[:, :3]
+    """Return x, y, z (n, 3) of an array (n, 3) or of an organised cloud (height, width, 3), with any more columns."""
+    if array.ndim not in (2, 3) or array.shape[-1] < 3:
+        raise ScanError(path, f"the array {name} must have the shape (n, 3) or (height, width, 3), got {array.shape}")
+    return _numeric(array, path, name).reshape(-1, array.shape[-1])[:, :3]
+
+
+_IMAGES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr")
 
 
 _READERS: dict[str, Callable[[bytes, Path], FileContent]] = {

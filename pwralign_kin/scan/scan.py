@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -16,7 +17,10 @@ from pwralign_kin.se3 import Array, checked_placement, transform
 
 logger = logging.getLogger(__name__)
 
-Units = Literal["m", "mm", "auto"]
+Units = Literal["m", "cm", "mm", "in", "auto"]
+
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+"""Length of each unit, m."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -124,18 +128,18 @@ class Scan:
         faces).
 
         Meshes are sampled uniformly by area with a fixed seed. `sensor_origin` (3,) or (n, 3), in the unit of
-        the file, overrides one in the file. `units` is the unit of the file: "mm" converts to m; "auto" keeps
-        the numbers as they are, because only beside a model can the unit be told: pass the scan on to
+        the file, overrides one in the file. `units` is the unit of the file, converted to m; "auto" keeps the
+        numbers as they are, because only beside a model can the unit be told: pass the scan on to
         `check_units`.
 
         Raises `ScanError` naming the file and the cause.
         """
-        if units not in ("m", "mm", "auto"):
-            raise ScanError(path, f"unknown unit {units!r}; valid: m, mm, auto")
+        if units not in (*METRES, "auto"):
+            raise ScanError(path, f"unknown unit {units!r}; valid: {', '.join(METRES)}, auto")
         content = readers.read(path)
         origin = content.sensor_origin if sensor_origin is None else sensor_origin
         scan = cls(content.points, sensor_origin=origin, normals=content.normals, source=path)
-        return scan.scaled(1e-3) if units == "mm" else scan
+        return scan if units in ("m", "auto") else scan.scaled(METRES[units])
 
     @classmethod
     def from_depth(
@@ -216,8 +220,8 @@ class Scan:
         if len(inside) < MIN_POINTS:
             raise ScanError(
                 self.source,
-                f"only {len(inside)} points lie in the crop box from {low.tolist()} to {high.tolist()}; "
-                f"the scan spans {self.points.min(axis=0).tolist()} to {self.points.max(axis=0).tolist()}",
+                f"only {len(inside)} points lie in the crop box from {point_text(low)} to {point_text(high)}; "
+                f"the scan spans {point_text(self.points.min(axis=0))} to {point_text(self.points.max(axis=0))}",
             )
         scan = self._derived(inside, self.points, self.sensor_origin)
         scan.camera = self.camera
@@ -342,3 +346,8 @@ def cloud_frame(points: ArrayLike, sensor_origin: ArrayLike | None, source: str)
         return Scan(points, sensor_origin=sensor_origin, source=source)
     except EmptyScanError:
         return np.zeros((0, 3))
+
+
+def point_text(point: Iterable[float]) -> str:
+    """Return a point as messages name it."""
+    return "(" + ", ".join(f"{value:.4g}" for value in point) + ")"

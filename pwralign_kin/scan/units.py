@@ -1,4 +1,4 @@
-"""Is a scan in metres or in millimetres? Only the model beside it can tell."""
+"""In which unit is a scan? Only the model beside it can tell."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ import logging
 import numpy as np
 
 from pwralign_kin.exceptions import ScanError, UnitError
-from pwralign_kin.scan.scan import Scan, Units
+from pwralign_kin.scan.scan import METRES, Scan, Units
 
 logger = logging.getLogger(__name__)
 
-MILLIMETRE = 1e-3
+PLURALS = {"mm": "millimetres", "cm": "centimetres", "in": "inches"}
 
 MIN_RELATIVE_SIZE = 0.15
 """A scan that shows the model spans at least this share of the model's diagonal."""
+
+SEGMENTED = (0.5, 3.0)
+"""Relative sizes of scans in units other than m and mm: of the model alone, for such scenes are rarer than metric ones
+that are as large."""
+
+MILLIMETRE_FIRST = 2.0
+"""By so much a size in millimetres may be farther from the model's than one in another unit."""
 
 MAX_RELATIVE_SPACING = 0.1
 """With neighbours farther apart than this share of the diagonal, fewer than about a hundred points show the
@@ -22,34 +29,43 @@ model."""
 
 
 def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
-    """Return `scan` in m, or say that it is in millimetres.
+    """Return `scan` in m, or say in which unit it seems to be.
 
-    A scan looks like millimetres when, read as metres, it could not serve anyhow (median distance between
-    neighbouring points above 10% of `model_diagonal`, m) and, read as millimetres, it could (its own diagonal
-    at least 15% of the model's). Size alone does not tell: a metric scan of a whole hall is rightly hundreds
-    of times as large as a small object in it, but then dense, while an object in millimetres is as large but
-    its points lie model lengths apart.
+    A scan is not in metres when, read as metres, it could not serve anyhow (median distance between
+    neighbouring points above 10% of `model_diagonal`, m) and, read in another unit, it could (its own diagonal
+    at least 15% of the model's, and up to three times as large in centimetres or inches). Size alone does not tell: a
+    metric scan of a whole hall is rightly hundreds of times as large as a small object in it, but then dense, while an
+    object in millimetres is as large but its points lie model lengths apart.
 
-    With `units` "m" such a scan raises `UnitError` naming `--units mm`; with "auto" it is rescaled with a
-    warning; with "mm" it is returned as it is, since `Scan.load` has converted it.
+    With `units` "m" such a scan raises `UnitError` naming the unit; with "auto" it is rescaled with a warning; with
+    any other it is returned as it is, since `Scan.load` has converted it.
     """
-    if units == "mm" or not _looks_like_millimetres(scan, model_diagonal):
+    if units not in ("m", "auto"):
+        return scan
+    likely = likely_unit(scan, model_diagonal)
+    if likely == "m":
         return scan
     ratio = scan.diagonal / model_diagonal
     sizes = f"{scan.diagonal:.3g} m against {model_diagonal:.3g} m"
     fault = f"the scan is {ratio:.0f} times as large as the model ({sizes})"
     if units == "auto":
-        logger.warning("%s: %s; taken as millimetres", scan.source, fault)
-        return scan.scaled(MILLIMETRE)
-    raise UnitError(scan.source, f"{fault}; if it is in millimetres, use --units mm (units='mm')", MILLIMETRE)
+        logger.warning("%s: %s; taken as %s", scan.source, fault, PLURALS[likely])
+        return scan.scaled(METRES[likely])
+    way_out = f"if it is in {PLURALS[likely]}, use --units {likely} (units={likely!r})"
+    raise UnitError(scan.source, f"{fault}; {way_out}", METRES[likely])
 
 
-def _looks_like_millimetres(scan: Scan, model_diagonal: float) -> bool:
+def likely_unit(scan: Scan, model_diagonal: float) -> str:
+    """Return the unit in which the scan makes sense beside the model, "m" where none makes more."""
     if not (np.isfinite(model_diagonal) and model_diagonal > 0.0):
         raise ScanError(scan.source, f"cannot compare the scan with a model of size {model_diagonal} m")
-    if MILLIMETRE * scan.diagonal < MIN_RELATIVE_SIZE * model_diagonal:
-        return False
-    return _spacing(scan) > MAX_RELATIVE_SPACING * model_diagonal
+    ratios = {unit: METRES[unit] * scan.diagonal / model_diagonal for unit in PLURALS}
+    off = {unit: abs(np.log(ratio)) for unit, ratio in ratios.items() if SEGMENTED[0] <= ratio <= SEGMENTED[1]}
+    if ratios["mm"] >= MIN_RELATIVE_SIZE:
+        off["mm"] = abs(np.log(ratios["mm"])) - np.log(MILLIMETRE_FIRST)
+    if not off or _spacing(scan) <= MAX_RELATIVE_SPACING * model_diagonal:
+        return "m"
+    return min(off, key=off.__getitem__)
 
 
 def _spacing(scan: Scan) -> float:

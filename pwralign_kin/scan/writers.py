@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin import files
 from pwralign_kin.exceptions import ExportError
+from pwralign_kin.scan.ply import ORIGIN_COMMENT
 
 _PLY_TYPES = {
     "i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort",
@@ -22,13 +23,14 @@ def write_ply(
     points: ArrayLike,
     properties: Mapping[str, ArrayLike] | None = None,
     faces: ArrayLike | None = None,
+    sensor_origin: ArrayLike | None = None,
 ) -> None:
     """Write a binary little-endian PLY, whole or not at all.
 
     `points` (n, 3) are stored as float where they come as float32, else as double. `properties` maps names to
     one value per point (n,), stored in their own type; booleans become uchar and 64-bit integers int, PLY
     having no wider. Viewers know the names nx, ny, nz (normals) and red, green, blue (uchar). `faces` (f, 3)
-    are point indices.
+    are point indices. `sensor_origin` (3,) is where the points were seen from, a comment that `Scan.load` reads.
 
     Raises `ExportError` for arrays that do not fit together and when the file cannot be written.
     """
@@ -49,7 +51,10 @@ def write_ply(
     vertices = np.empty(len(xyz), dtype=[(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     for name, column in columns.items():
         vertices[name] = column
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(xyz)}"]
+    header = ["ply", "format binary_little_endian 1.0"]
+    if sensor_origin is not None:
+        header.append(" ".join(["comment", ORIGIN_COMMENT, *map(repr, np.asarray(sensor_origin, float).tolist())]))
+    header.append(f"element vertex {len(xyz)}")
     header += [f"property {_PLY_TYPES[column.dtype.str[1:]]} {name}" for name, column in columns.items()]
     body = vertices.tobytes()
     if faces is not None:

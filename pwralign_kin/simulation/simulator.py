@@ -89,7 +89,9 @@ class SimulatedScan:
         and `copies` (c, n), the labels of the other copies. Raises `ExportError`.
         """
         folder = Path(folder)
-        write_ply(folder / "scan.ply", self.scan.points.astype(np.float32))
+        origin = self.scan.sensor_origin
+        seen_from = origin if origin is not None and origin.ndim == 1 else None
+        write_ply(folder / "scan.ply", self.scan.points.astype(np.float32), sensor_origin=seen_from)
         with files.atomic_write(folder / "labels.npz") as temporary:
             copies = np.array([copy.labels for copy in self.copies], np.int64).reshape(-1, len(self.labels))
             np.savez_compressed(
@@ -97,10 +99,9 @@ class SimulatedScan:
             )
         if self.guess is not None:
             self.guess.save(folder / "guess.json")
-        origin = self.scan.sensor_origin
         truth = {
             **self.state.to_dict(),
-            "sensor_origin": origin.tolist() if origin is not None and origin.ndim == 1 else None,
+            "sensor_origin": None if seen_from is None else seen_from.tolist(),
             "parts": list(self.part_names),
             "copies": [copy.state.to_dict() for copy in self.copies],
         }
@@ -199,7 +200,11 @@ def part_names(model: ArticulatedModel) -> tuple[str, ...]:
 
 
 def complete_state(model: ArticulatedModel, state: State) -> State:
-    """Return `state` with its base at the root link and a value for every joint."""
+    """Return `state` with its base at the root link and a value for every joint.
+
+    Raises `UnknownNameError` and `StateError` for joints that the model has not or that are beyond their limits.
+    """
+    model.check_limits(state.joints)
     values = model.values(state.joints)
     joints = dict(zip(model.joint_names, values.tolist(), strict=True))
     return State(model.root_placement(state), joints, model.root_link)

@@ -23,7 +23,7 @@ class TrackedFrame:
     lost: bool
     """Whether the model is not found: `state` is where it was last, gone on a little."""
     searched: bool
-    """Whether `state` comes from a search, not from following."""
+    """Whether the model was searched for in this frame, found or not; else it was followed."""
     scan_coverage: float
     """Share of the points around the model that it explains."""
     model_support: float

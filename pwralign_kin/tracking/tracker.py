@@ -6,6 +6,7 @@ import logging
 import time as clock
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.estimation import Estimate
 from pwralign_kin.estimation.estimator import Estimator
-from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array, rotation_angle
@@ -98,6 +99,8 @@ class Tracker:
         self._turns = np.where(model.continuous, model.upper - model.lower, np.inf)
         self._initial = initial
         if initial is not None:
+            if not isinstance(initial, State):
+                raise StateError(f"a tracker starts from a State, not {type(initial).__name__}")
             model.root_placement(initial), model.values(initial.joints)
         self._free = ~np.isin(model.joint_names, self.options.estimator.locked)
         self._most_doubt = (model.upper - model.lower) / self._unit / np.sqrt(12.0)
@@ -123,8 +126,9 @@ class Tracker:
         which the model is not seen.
         """
         start = clock.perf_counter()
-        if not np.isfinite(time) or (self._motion is not None and time <= self._motion.time):
-            raise ScanError("track", f"a frame at {time} s is not later than the one before")
+        late = isinstance(time, Real) and np.isfinite(time) and (self._motion is None or time > self._motion.time)
+        if not late:
+            raise ScanError("track", f"a frame at {time!r} s is not later than the one before")
         frame = checked(frame)
         if self._motion is None:
             before, fit = self._first(frame, time)
@@ -133,14 +137,14 @@ class Tracker:
             self._motion = before.predicted(time)
             fit = self._followed(frame, self._motion, before, start)
         found = self._accepts(fit)
-        searched = False
+        searches, answer = self._searches, None
         if not found:
             self._missed += 1
             answer = self._searched(frame, time, fit)
-            if answer is not None:
-                fit, found, searched = answer, True, True
+            fit, found = (fit, False) if answer is None else (answer, True)
+        searched = answer is not None or self._searches > searches
         if found:
-            self._take(fit, before, searched)
+            self._take(fit, before, answer is not None)
         return self._report(fit, time, found, searched, start)
 
     def _kernel(self) -> kernels.Tracking:
@@ -157,7 +161,7 @@ class Tracker:
     def _first(self, frame: Frame, time: float) -> tuple[Motion, Fit]:
         """Return a model at rest where the initial state has it, or anywhere, and its fit."""
         if self._initial is None:
-            self._motion = Motion.at_rest(time, np.eye(4), self.model.values({}) / self._unit, time)
+            self._motion = Motion.at_rest(time, np.eye(4), self.model.values({}) / self._unit, time - LONGEST)
             return self._motion, Fit(self._motion.T, self._motion.values)
         T = self.model.root_placement(self._initial)
         motion = Motion.at_rest(time, T, self.model.values(self._initial.joints) / self._unit, time - LONGEST)
@@ -354,7 +358,7 @@ class Tracker:
         assert self._motion is not None
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
         covariance = self._covariance(fit) if self.options.covariance and found else None
-        doubt = self._motion.deviations[6:]
+        doubt = self._most_doubt if self._usual is None else self._motion.deviations[6:]
         if found:
             systematic = SYSTEMATIC / np.maximum(fit.levers, 1e-9)
             doubt = np.where(self._motion.held, doubt, np.hypot(doubt, systematic))

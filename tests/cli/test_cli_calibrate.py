@@ -74,7 +74,7 @@ def test_scans_of_different_units_take_no_hint(arm: Path, scan: Path, tmp_path: 
 def test_estimate_takes_what_is_known_of_the_base(arm: Path, scan: Path, truth: Path, pwralign: Call) -> None:
     T = State.load(truth).T_scan_base
     low, high = T[:3, 3] - 0.05, T[:3, 3] + 0.05
-    outcome = pwralign("estimate", arm, scan, "--json", "--gravity", *T[:3, 2], "--base-region", *low, *high)
+    outcome = pwralign("estimate", arm, scan, "--json", "--gravity", *-T[:3, 2], "--base-region", *low, *high)
     assert outcome.code == 0, outcome.err
     found = np.array(json.loads(outcome.out)["T_scan_base"])
     assert found[:3, 2] @ T[:3, 2] > 0.99

@@ -12,6 +12,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
+from pwralign_kin.se3 import exp
 from pwralign_kin.simulation import SimulatedScan
 
 
@@ -215,7 +216,16 @@ def test_unknown_joints_are_named() -> None:
         ({"region": ((1.0, 0.0, 0.0), (0.0, 1.0, 1.0))}, "corner"),
         ({"region": (0.0, 0.0, 0.0, 1.0, 1.0)}, "region"),
         ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"seed": 2**64}, "seed"),
         ({"threads": -2}, "threads"),
+        ({"threads": 1.5}, "threads"),
+        ({"prior": {"elbow": "a"}}, "elbow"),
+        ({"prior": [1.0]}, "prior must map"),
+        ({"prior_std": {"elbow": None}}, "elbow"),
+        ({"locked": "elbow"}, "several names"),
+        ({"sources": "pairs"}, "several names"),
+        ({"search": None}, "SearchOptions"),
         ({"sources": ("pair",)}, "did you mean 'pairs'"),
     ],
 )
@@ -229,6 +239,18 @@ def test_points_are_no_scan(arm: pk.ArticulatedModel, full_scan: SimulatedScan) 
         pk.estimate(arm, full_scan.scan.points)  # type: ignore[call-overload]
     with pytest.raises(StateError, match="ndarray"):
         pk.estimate(arm, full_scan.scan, initial=np.eye(4))  # type: ignore[call-overload]
+
+
+def test_a_path_is_no_model(full_scan: SimulatedScan) -> None:
+    with pytest.raises(StateError, match="from_urdf"):
+        pk.estimate("arm.urdf", full_scan.scan)  # type: ignore[call-overload]
+
+
+def test_one_scan_and_one_set_of_joints_are_no_calibration(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
+    with pytest.raises(StateError, match="sequence of scans"):
+        pk.calibrate(arm, full_scan.scan, [full_scan.state])  # type: ignore[arg-type]
+    with pytest.raises(StateError, match="sequence of scans"):
+        pk.calibrate(arm, [full_scan.scan], full_scan.state)  # type: ignore[arg-type]
 
 
 def test_a_state_is_made_of_names_and_numbers() -> None:
@@ -271,3 +293,41 @@ def test_correspondences_elsewhere_are_refused(arm: pk.ArticulatedModel, full_sc
     far = Correspondences(np.full((5, 3), 99.0), np.full((5, 3), 99.0), np.ones(5))
     with pytest.raises(CorrespondenceError, match="not on the model"):
         pk.estimate(arm, full_scan.scan, correspondences=far)
+
+
+@pytest.fixture(scope="module")
+def stone(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
+    """Two links over a fixed joint: one part, nothing moves."""
+    path = tmp_path_factory.mktemp("stone") / "stone.urdf"
+    path.write_text(
+        '<robot name="stone"><link name="block"><visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual></link>'
+        '<link name="knob"><visual><geometry><cylinder radius="0.03" length="0.1"/></geometry></visual></link>'
+        '<joint name="weld" type="fixed"><parent link="block"/><child link="knob"/><origin xyz="0.1 0.05 0.08"/>'
+        "</joint></robot>"
+    )
+    return pk.ArticulatedModel.from_urdf(path)
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_a_model_without_joints_is_found(stone: pk.ArticulatedModel, guessed: bool) -> None:
+    T = exp(np.array([0.3, -0.5, 1.0, 0.2, 0.1, 0.7]))
+    simulated = pk.simulate(stone, pk.State(T), seed=1)
+    found = pk.estimate(stone, simulated.scan, initial=simulated.state if guessed else None)
+    np.testing.assert_allclose(found.state.T_scan_base, T, atol=0.005)
+    assert not found.state.joints and found.confidence > 0.9
+    shared = pk.calibrate(stone, [simulated.scan, simulated.scan], [{}, {}])
+    np.testing.assert_allclose(shared.T_scan_base, T, atol=0.005)
+
+
+def test_something_else_than_a_model_without_joints(stone: pk.ArticulatedModel) -> None:
+    points = np.random.default_rng(0).uniform(-0.2, 0.2, (3000, 3))
+    assert pk.estimate(stone, pk.Scan(points)).state.joints == {}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.0075])
+def test_a_bare_table_is_refused(arm: pk.ArticulatedModel, noise: float) -> None:
+    random = np.random.default_rng(3)
+    points = random.uniform(-arm.diagonal, arm.diagonal, (6000, 3)) * [1.0, 1.0, 0.0]
+    points[:, 2] += noise * arm.diagonal * random.normal(size=6000)
+    with pytest.raises(ScanError, match="plane"):
+        pk.estimate(arm, pk.Scan(points))

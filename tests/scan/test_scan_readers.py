@@ -280,9 +280,21 @@ def test_meshes_are_sampled(tmp_path: Path, suffix: str) -> None:
     assert scan.points.mean(axis=0) == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
 
 
-def test_an_obj_without_faces_gives_its_vertices(tmp_path: Path) -> None:
-    (tmp_path / "cloud.obj").write_text("".join(f"v {row}\n" for row in text_rows(POINTS).splitlines()))
+@pytest.mark.parametrize("space", [" ", "\t"])
+def test_an_obj_without_faces_gives_its_vertices(space: str, tmp_path: Path) -> None:
+    (tmp_path / "cloud.obj").write_text("".join(f"v{space}{row}\n" for row in text_rows(POINTS).splitlines()))
     assert np.allclose(Scan.load(tmp_path / "cloud.obj").points, POINTS, rtol=1e-6)
+
+
+def test_an_organised_cloud_is_taken_as_its_points(tmp_path: Path) -> None:
+    np.save(tmp_path / "image.npy", POINTS[:20].reshape(4, 5, 3))
+    assert np.array_equal(Scan.load(tmp_path / "image.npy").points, POINTS[:20])
+
+
+def test_a_depth_image_is_no_scan_and_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "depth.png").write_bytes(b"")
+    with pytest.raises(ScanError, match="from_depth"):
+        Scan.load(tmp_path / "depth.png")
 
 
 # what can be wrong

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pwralign_kin.exceptions import ScanError, UnitError
-from pwralign_kin.scan import Scan, check_units
+from pwralign_kin.scan import Scan, check_units, likely_unit
 
 DIAGONAL = 0.8
 """Diagonal of the imagined model, m."""
@@ -88,5 +89,15 @@ def test_a_model_without_size_raises() -> None:
 
 def test_an_unknown_unit_raises(tmp_path) -> None:  # type: ignore[no-untyped-def]
     np.save(tmp_path / "scan.npy", surface(1.0, 100))
-    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, mm, auto"):
+    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, auto"):
         Scan.load(tmp_path / "scan.npy", units="inch")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("cm", 0.01), ("in", 0.0254)])
+def test_other_units_are_told_too(unit: str, metres: float, tmp_path: Path) -> None:
+    np.save(tmp_path / "scan.npy", surface(DIAGONAL / metres, 2000))
+    scan = Scan.load(tmp_path / "scan.npy", units="auto")
+    assert likely_unit(scan, DIAGONAL) == unit
+    with pytest.raises(UnitError, match=f"--units {unit}"):
+        check_units(scan, DIAGONAL)
+    assert Scan.load(tmp_path / "scan.npy", units=unit).diagonal == pytest.approx(DIAGONAL, rel=0.01)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pwralign_kin.exceptions import ModelError, ScanError, UnknownNameError
+from pwralign_kin.exceptions import ModelError, ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import inverse, rotation_angle, transform
@@ -252,7 +252,8 @@ def test_saved_scans_come_back(crane: ArticulatedModel, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "case"
     assert {path.name for path in folder.iterdir()} == {"scan.ply", "truth.json", "labels.npz", "guess.json"}
     truth = json.loads((folder / "truth.json").read_text())
-    scan = Scan.load(folder / "scan.ply", sensor_origin=truth["sensor_origin"])
+    scan = Scan.load(folder / "scan.ply")
+    assert scan.sensor_origin is not None and np.array_equal(scan.sensor_origin, truth["sensor_origin"])
     assert np.array_equal(scan.points, simulated.scan.points)
     assert scan.sensor_origin is not None and np.array_equal(scan.sensor_origin, simulated.view_origins[0])
     assert simulated.guess is not None
@@ -288,7 +289,9 @@ def test_sensors_out_of_range_raise(values: dict[str, object], fault: str) -> No
 def test_what_cannot_be_scanned_raises(crane: ArticulatedModel) -> None:
     with pytest.raises(UnknownNameError, match="no part named 'bom'; did you mean 'boom'"):
         simulate(crane, sensor=Sensor(missing_parts=("bom",)))
-    with pytest.raises(UnknownNameError, match="no actuated joint named 'trun'; did you mean 'turn'"):
+    with pytest.raises(StateError, match="limits"):
+        simulate(crane, State(joints={"slide": 99.0}))
+    with pytest.raises(UnknownNameError, match="no joint named 'trun'; did you mean 'turn'"):
         simulate(crane, State(joints={"trun": 1.0}))
     with pytest.raises(ScanError, match="cannot leave out 4 of the 4 parts"):
         simulate(crane, sensor=Sensor(missing_random_parts=4))

@@ -223,3 +223,18 @@ def _forearm_hidden(arm: pk.ArticulatedModel, frame: SimulatedFrame) -> pk.Depth
     shown[image.depth > 0.0] = np.argmin(distances, axis=0) == len(distances) - 1
     covered = binary_dilation(shown, iterations=12)
     return replace(image, depth=np.where(covered, 0.5 * image.depth[shown].min(), image.depth))
+
+
+def test_what_was_never_found_is_not_known(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracked = pk.Tracker(arm).update(_blank(moving[0]), 0.0)
+    assert tracked.lost and tracked.confidence == 0.0
+    assert set(tracked.undetermined) == set(arm.joint_names)
+    half = (arm.upper - arm.lower) / 4.0
+    assert all(tracked.std[name] > own for name, own in zip(arm.joint_names, half, strict=True))
+
+
+def test_arguments_of_other_kinds_are_refused(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    with pytest.raises(StateError, match="State"):
+        pk.Tracker(arm, initial="state.json")  # type: ignore[arg-type]
+    with pytest.raises(ScanError, match="'a'"):
+        pk.Tracker(arm).update(moving[0].images[0], "a")  # type: ignore[arg-type]
