@@ -177,7 +177,8 @@ def _regrown(
             above = np.zeros(count, bool)
             above[parent[1:][near[1:]]] = True
             near |= above
-    is_limb = _among_largest(search, options.held_limbs)[search.model.actuated]
+    is_limb = np.zeros(count, bool)
+    is_limb[1:] = _among_largest(search, options.held_limbs)[search.model.actuated[1:]]
     starts, nexts = [], []
     for i in range(1, count):
         for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):

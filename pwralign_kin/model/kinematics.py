@@ -86,7 +86,8 @@ class Kinematics:
         # Each column is the twist of one joint; a part has those of the joints between it and the root.
         columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
         twists = np.concatenate([columns[3:], columns[:3]]) * self._supports[:, None]
-        return self._placed(data), (twists.reshape(-1, self.model.nv) @ self._dv_du).reshape(len(self.ids), 6, -1)
+        by_values = twists.reshape(6 * len(self.ids), self.model.nv) @ self._dv_du
+        return self._placed(data), by_values.reshape(len(self.ids), 6, len(values))
 
     def jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""

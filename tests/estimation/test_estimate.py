@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 
 def worst_joint(model: pk.ArticulatedModel, estimate: pk.Estimate, truth: pk.State) -> float:
@@ -271,3 +272,20 @@ def test_correspondences_elsewhere_are_refused(arm: pk.ArticulatedModel, full_sc
     far = Correspondences(np.full((5, 3), 99.0), np.full((5, 3), 99.0), np.ones(5))
     with pytest.raises(CorrespondenceError, match="not on the model"):
         pk.estimate(arm, full_scan.scan, correspondences=far)
+
+
+@pytest.mark.parametrize("tier", ["full", "single", "clutter"])
+def test_a_model_without_joints_is_placed(tier: str, tmp_path: Path) -> None:
+    shapes = (("0 0 0", "0.3 0.2 0.1"), ("0.1 0.05 0.1", "0.08 0.05 0.15"), ("-0.1 0 0.07", "0.05 0.15 0.06"))
+    boxes = "".join(
+        f'<visual><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></visual>' for xyz, size in shapes
+    )
+    urdf = tmp_path / "stone.urdf"
+    urdf.write_text(f'<robot name="stone"><link name="stone">{boxes}</link></robot>')
+    model = pk.ArticulatedModel.from_urdf(urdf)
+    made = pk.simulate(model, sensor=TIERS[tier], seed=1)
+
+    estimate = pk.estimate(model, made.scan)
+
+    assert estimate.state.joints == {}
+    assert np.linalg.norm(estimate.state.T_scan_base[:3, 3] - made.state.T_scan_base[:3, 3]) < 0.01
