@@ -16,7 +16,7 @@ from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observability import doubted
-from pwralign_kin.estimation.observation import Observation, observe, without_far_points
+from pwralign_kin.estimation.observation import Observation, observe, was_prepared, without_far_points
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.reporting import reported
@@ -121,10 +121,12 @@ class Estimator:
 
         The patch draws parts of the model to it, and passes for a sign that something else was scanned.
         """
-        if fit.solver.search.observation.scene or estimate.confidence >= CONFIDENT:
+        observation = fit.solver.search.observation
+        if observation.scene or estimate.confidence >= CONFIDENT:
             return estimate
         near = without_far_points(fit.scan, self.model.reach)
         left = estimate.scan_labels[near.source_index] < 0
+        left &= was_prepared(observation, near.points, self.options.observation)
         surroundings = surroundings_of(
             near, left, self.model.surfaces, self.model.diagonal, self.options.observation, self.options.scene,
             self.threads,
