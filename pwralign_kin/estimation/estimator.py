@@ -7,20 +7,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import AnswerSearch
+from pwralign_kin.estimation.answer_search import SOUND, AnswerSearch
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observability import doubted
-from pwralign_kin.estimation.observation import Observation, observe, without_far_points
+from pwralign_kin.estimation.observation import Observation, observe, was_prepared, without_far_points
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
-from pwralign_kin.estimation.scene import is_scene, observe_scene
+from pwralign_kin.estimation.scene import is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -74,20 +76,28 @@ class Estimator:
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
-        fit = self.fit(scan, initial, correspondences)
-        with fit.watch.stage("least squares"):
-            solution = self._solve(fit.solver, fit.finished)
-        with fit.watch.stage("equal answers"):
-            solution, equal = self._chosen(fit, solution, initial)
-        return self.concluded(fit, solution, equal)
-
-    def fit(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Fit:
-        """Return all answers worth comparing, before the joint least squares."""
         watch = Stopwatch(self.progress)
+        fit = self.fit(scan, initial, correspondences, watch)
+        estimate = self._finished(fit, initial)
+        return self._beside_surroundings(fit, estimate, initial, correspondences)
+
+    def fit(
+        self,
+        scan: Scan,
+        initial: State | None,
+        correspondences: Correspondences | None,
+        watch: Stopwatch | None = None,
+        surroundings: NDArray[np.bool_] | None = None,
+    ) -> Fit:
+        """Return all answers worth comparing, before the joint least squares.
+
+        Points known to be of the `surroundings` (n,) make the scan a scene.
+        """
+        watch = watch or Stopwatch(self.progress)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = self._observe(scan, initial)
+            observation = self._observe(scan, initial, surroundings)
             search = self._search(observation, prior, lower, upper)
         answers = AnswerSearch(self.model, search, self.options, correspondences, watch)
         if initial is None:
@@ -99,6 +109,38 @@ class Estimator:
         solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
         return Fit(scan, solver, finished, prior, watch)
 
+    def _finished(self, fit: Fit, initial: State | None) -> Estimate:
+        with fit.watch.stage("least squares"):
+            solution = self._solve(fit.solver, fit.finished)
+        with fit.watch.stage("equal answers"):
+            solution, equal = self._chosen(fit, solution, initial)
+        return self.concluded(fit, solution, equal)
+
+    def _beside_surroundings(
+        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
+    ) -> Estimate:
+        """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
+
+        The patch draws parts of the model to it, and passes for a sign that something else was scanned.
+        """
+        observation = fit.solver.search.observation
+        if observation.scene or soundness(estimate.evidence) >= SOUND:
+            return estimate
+        near = without_far_points(fit.scan, self.model.reach)
+        left = estimate.scan_labels[near.source_index] < 0
+        left &= was_prepared(observation, near.points, self.options.observation)
+        surroundings = surroundings_of(
+            near, left, self.model.surfaces, self.model.diagonal, self.options.observation, self.options.scene,
+            self.threads,
+        )  # fmt: skip
+        if not surroundings.any():
+            return estimate
+        try:
+            other = self._finished(self.fit(near, initial, correspondences, fit.watch, surroundings), initial)
+        except ScanError:  # nothing is left beside the surroundings
+            return estimate
+        return max(estimate, other, key=lambda answer: soundness(answer.evidence))
+
     def concluded(self, fit: Fit, solution: Solution, equal: Candidates | None = None) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes; None: its `equal` answers are made."""
         if equal is None:
@@ -107,18 +149,19 @@ class Estimator:
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         return reported(fit.scan, fit.solver, solution, doubt, fit.finished, equal, self.options, fit.watch)
 
-    def _observe(self, scan: Scan, initial: State | None) -> Observation:
+    def _observe(self, scan: Scan, initial: State | None, surroundings: NDArray[np.bool_] | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
         self._check_hints(scan)
-        if options.region is None and not is_scene(
+        known = options.region is not None or surroundings is not None
+        if not known and not is_scene(
             scan, model.diagonal, model.reach, options.scene, options.observation, self.threads
         ):
             near = without_far_points(scan, model.reach)
             return observe(near, model.diagonal, options.observation, self.threads)
         box = self._searched_box(initial)
         return observe_scene(
-            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads
+            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads, surroundings
         )
 
     def _check_hints(self, scan: Scan) -> None:

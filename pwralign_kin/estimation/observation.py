@@ -245,9 +245,21 @@ def as_given(
         column[cell[left]] = left  # of several points of a cell the last stays
         left = left[column[cell[left]] != left]
     given = raw[chosen[chosen >= 0]]
-    nearest = field.nearest(given)
-    near = (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
+    nearest, near = _nearest_prepared(given, field, points, options)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
+
+
+def was_prepared(observation: Observation, points: Array, options: ObservationOptions) -> NDArray[np.bool_]:
+    """Return which points (n, 3) of the scan (m) have a prepared point near: strays and a removed plane have none."""
+    return _nearest_prepared(observation.scaled(points), observation.field, observation.points, options)[1]
+
+
+def _nearest_prepared(
+    given: Float, field: Any, points: Float, options: ObservationOptions
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return the index of the prepared point nearest to each given one, and whether it is of its cell or the next."""
+    nearest = field.nearest(given)
+    return nearest, (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
 
 
 def noise_of(points: Float, threads: int) -> float:

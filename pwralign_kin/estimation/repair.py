@@ -166,8 +166,6 @@ def _regrown(
     options: RepairOptions,
 ) -> list[Candidates]:
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
-    if len(search.exists) == 1:
-        return []
     count, exists, parent = len(search.exists), search.exists, search.parent
     below = _subtrees(search)
     near = bad | search.lacks(solution) if missing else bad.copy()
@@ -179,7 +177,8 @@ def _regrown(
             above = np.zeros(count, bool)
             above[parent[1:][near[1:]]] = True
             near |= above
-    is_limb = _among_largest(search, options.held_limbs)[search.model.actuated]
+    is_limb = np.zeros(count, bool)
+    is_limb[1:] = _among_largest(search, options.held_limbs)[search.model.actuated[1:]]
     starts, nexts = [], []
     for i in range(1, count):
         for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):

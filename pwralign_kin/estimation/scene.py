@@ -57,6 +57,11 @@ class SceneOptions:
     """... this far (standard deviation along its shorter axis) ..."""
     plane_area: float = 0.3
     """... and has more than this share of the largest part's area."""
+    patch_wider: float = 1.25
+    """A piece of a plane that an answer leaves unexplained is background if it is so many times larger and spreads so
+    many times wider than any flat face of the model, ..."""
+    patch_least: float = 0.05
+    """... or than one that spreads this far."""
     range_bin: float = 0.25
     spacings: tuple[float, ...] = (0.026, 0.04, 0.06)
     """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
@@ -90,6 +95,36 @@ def is_scene(
     return preparation.wide_plane(points, preparing, options.plane_unlike, threads) is not None
 
 
+def surroundings_of(
+    scan: Scan,
+    left: Bools,
+    surfaces: Sequence[Surface],
+    diagonal: float,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> Bools:
+    """Return which points of `scan` (n,), among those that an answer has `left` unexplained (n,), are of a plane wider
+    than any flat face of the model: a patch of floor, table or wall, which a crop leaves about a model."""
+    found = np.zeros(len(left), bool)
+    if left.sum() < options.region_points:
+        return found
+    low, _ = preparation.bulk(scan)
+    raw = np.ascontiguousarray((scan.points[left] - low) / diagonal, np.float32)
+    points, _, cell = kernels.voxel_means(raw, preparing.voxel)
+    if len(points) < options.region_points:
+        return found
+    area = _areas(preparation.sixth_neighbour(points, threads))
+    normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
+    tolerance = _tolerance(points, variance, preparation.common_origin(scan, low, diagonal), options)
+    shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
+    largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
+    least_spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
+    planes = _wide_planes(points, normals, area, tolerance, least_spread, options.patch_wider * largest, options)
+    found[left] = planes[cell]
+    return found
+
+
 def observe_scene(
     scan: Scan,
     surfaces: Sequence[Surface],
@@ -98,12 +133,14 @@ def observe_scene(
     preparing: ObservationOptions,
     options: SceneOptions,
     threads: int,
+    surroundings: Bools | None = None,
 ) -> Observation:
     """Prepare a scene for the model with the given `surfaces`, to be searched between the corners of `box` (m).
 
-    Raises `ScanError` where nothing can be searched.
+    Points that are known to be of the `surroundings` (n,) count as wide planes do. Raises `ScanError` where nothing can
+    be searched.
     """
-    if scan.diagonal > MOST_EXTENT * diagonal:
+    if surroundings is None and scan.diagonal > MOST_EXTENT * diagonal:
         scan = preparation.without_far_points(scan, MOST_EXTENT / 8 * diagonal)
     if scan.diagonal > MOST_EXTENT * diagonal:
         check_units(scan, diagonal)
@@ -115,10 +152,20 @@ def observe_scene(
     origin = preparation.common_origin(scan, centre, diagonal)
     points, _, cell = kernels.voxel_means(raw, preparing.voxel)
     spacing = preparation.sixth_neighbour(points, threads)
-    area = (np.pi * np.minimum(spacing, 0.1) ** 2 / 7).astype(np.float32)
+    area = _areas(spacing)
     near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
     normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
-    planes = _wide_planes(points, normals, area, _tolerance(points, variance, origin, options), surfaces, options)
+    spread = max(
+        float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
+        for s in surfaces
+        if s.exists
+    )
+    least_spread = max(options.plane_wider * spread, options.plane_least)
+    least_area = options.plane_area * max(s.area for s in surfaces)
+    tolerance = _tolerance(points, variance, origin, options)
+    planes = _wide_planes(points, normals, area, tolerance, least_spread, least_area, options)
+    if surroundings is not None:
+        planes[cell[surroundings]] = True
     low, high = ((corner - centre) / diagonal for corner in box)
     near &= ((points >= low) & (points <= high)).all(axis=1)
     region = _regions(points, area, near & ~planes, total_area(surfaces), options)
@@ -187,6 +234,11 @@ def _observed(
     )  # fmt: skip
 
 
+def _areas(spacing: Float) -> Float:
+    """Return the surface that each point stands for, by its distance to its sixth neighbour."""
+    return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)
+
+
 def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:
     """Return the bin of each point: by range, or without a sensor origin by place."""
     if origin is None:
@@ -228,18 +280,12 @@ def _wide_planes(
     normals: Float,
     area: Float,
     tolerance: Float,
-    surfaces: Sequence[Surface],
+    least_spread: float,
+    least_area: float,
     options: SceneOptions,
 ) -> Bools:
-    """Return which points lie on planes wider than anything planar of the model can be (RANSAC, by area)."""
+    """Return which points lie on pieces of planes at least so wide and so large (RANSAC, by area)."""
     random = np.random.default_rng(0)
-    spread = max(
-        float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
-        for s in surfaces
-        if s.exists
-    )
-    least_spread = max(options.plane_wider * spread, options.plane_least)
-    least_area = options.plane_area * max(s.area for s in surfaces)
     # Drawn by area, samples near and far count by the surface that they stand for.
     sample = random.choice(len(points), min(options.plane_sample, len(points)), p=area / area.sum())
     left, background = np.ones(len(points), bool), np.zeros(len(points), bool)

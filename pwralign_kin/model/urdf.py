@@ -227,10 +227,15 @@ def _expand_xacro(path: Path, package_dirs: Sequence[Path]) -> bytes:
 
 
 def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, Path]:
-    """Packages by name: those in `package_dirs`, and those beside the folders above the file."""
-    beside = [entry for folder in path.absolute().parents[:4] for entry in _folders(folder)]
-    found = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
-    return found | {entry.name: entry for folder in package_dirs for entry in (folder, *_folders(folder))}
+    """Packages by name: those in `package_dirs`, those beside the folders above the file, and those folders.
+
+    Distributions of robots often leave out `package.xml`.
+    """
+    above = path.absolute().parents[:4]
+    beside = [entry for folder in above for entry in _folders(folder)]
+    marked = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
+    given = {entry.name: entry for folder in package_dirs for entry in (folder, *_folders(folder))}
+    return {entry.name: entry for entry in (*beside, *above)} | marked | given
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -16,12 +16,12 @@ from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.repair import RepairOptions
-from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene
+from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene, surroundings_of
 from pwralign_kin.estimation.scene_search import RegionSearch, SceneSearchOptions
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.se3 import inverse, transform
-from pwralign_kin.simulation import Room, SimulatedScan, simulate_scene
+from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
 
@@ -227,3 +227,26 @@ def test_a_box_that_is_no_hint_of_the_scene_is_refused(excavator: pk.Articulated
     options = replace(pk.EstimatorOptions(), region=((90.0, 90.0, 90.0), (91.0, 91.0, 91.0)))
     with pytest.raises(ScanError):
         pk.estimate(excavator, scene.scan, options=options)
+
+
+def test_a_patch_of_floor_that_is_left_unexplained_is_looked_at_as_surroundings(
+    excavator: pk.ArticulatedModel,
+) -> None:
+    made = pk.simulate(excavator, sensor=TIERS["single"], seed=5)
+    points = made.scan.points
+    random = np.random.default_rng(0)
+    lowest = points[points[:, 2].argmin()]
+    across = random.uniform(-0.2, 0.2, (3000, 2)) * excavator.diagonal
+    patch = np.column_stack([lowest[:2] + across, np.full(3000, lowest[2])])
+    patch[:, 2] += random.normal(0.0, 0.001 * excavator.diagonal, 3000)
+    scan = pk.Scan(np.concatenate([points, patch]), sensor_origin=made.scan.sensor_origin)
+
+    left = np.arange(len(scan.points)) >= len(points)
+    options = (ObservationOptions(), SceneOptions(), 2)
+    found = surroundings_of(scan, left, excavator.surfaces, excavator.diagonal, *options)
+    assert found[left].mean() > 0.9 and not found[~left].any()
+    assert not surroundings_of(scan, ~left, excavator.surfaces, excavator.diagonal, *options).any()
+
+    estimate = pk.estimate(excavator, scan)
+    assert estimate.confidence > 0.5
+    assert (estimate.scan_labels[left] < 0).mean() > 0.8

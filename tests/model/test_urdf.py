@@ -435,6 +435,12 @@ def test_xacro_finds_packages(write_urdf: WriteUrdf, tmp_path: Path) -> None:
     assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "other/hand"]).root_link == "palm"
     (tmp_path / "other/hand").rename(tmp_path / "src/hand")
     assert ArticulatedModel.from_urdf(path).root_link == "palm"
+    (tmp_path / "src/hand/package.xml").unlink()
+    assert ArticulatedModel.from_urdf(path).root_link == "palm"
+    own = write_urdf(include.replace("hand)", "arm)/urdf"), "src/arm/bot.xacro", xacro)
+    (tmp_path / "src/hand/hand.xacro").rename(tmp_path / "src/arm/urdf/hand.xacro")
+    (tmp_path / "src/arm/package.xml").unlink()
+    assert ArticulatedModel.from_urdf(own).root_link == "palm"
 
 
 def test_every_example_robot_reads(robot_folder: Path) -> None:
