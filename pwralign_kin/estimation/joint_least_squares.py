@@ -343,7 +343,7 @@ def stretched(H: Array, before: Array, step: Array, stretch: float) -> float:
     Surfaces that slide along themselves take many small steps in one direction: each step leaves the same share of the
     way, whose sum is a geometric series (Aitken's extrapolation).
     """
-    squared, along, own = before @ H @ before, before @ H @ step, step @ H @ step
+    squared, along, own = float(before @ H @ before), float(before @ H @ step), float(step @ H @ step)
     if along <= ALIGNED * np.sqrt(squared * own):
         return 1.0
     left = 1.0 - (1.0 - along / squared) / stretch
