@@ -247,7 +247,7 @@ class AnswerSearch:
         right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
         if self.effort.wide_beams and not right:
             # Wide beams take their time: they are for the few solutions that are nearly right.
-            few = replace(self.repairing, early_rounds=0, patience=1)
+            few = replace(self.repairing, early_rounds=0)
             solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
         return solutions
 
@@ -266,6 +266,9 @@ class AnswerSearch:
             if after < before + READING_GAIN:
                 break
             solutions = read
+            # What has been read is read to the end: only what repair has changed since may be read anew.
+            if read.scores[0] <= best.scores[0] + self.repairing.gain:
+                break
         return solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
@@ -386,8 +389,8 @@ def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """
     if search.observation.scene:
         return np.zeros(len(candidates), np.float32)  # most of it is other things
-    given, placements = search.observation.given, search.part_placements(candidates)
-    distances = np.array([search.assigned(given, T, search.exists, FINEST_REACH)[0] for T in placements])
+    placements = search.part_placements(candidates)
+    distances = search.distances(search.observation.given, placements, search.exists, FINEST_REACH)
     # The noise counts, and what a bent scan leaves beside it.
     noise = np.hypot(max(search.observation.noise, search.residual_of(distances[0])), SAMPLING)
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE).mean(axis=1), np.float32)

@@ -181,8 +181,7 @@ def _distinctness(search: TreeSearch, compared: Candidates) -> float:
     """Return by how many standard deviations the points speak for the first candidate against the best other."""
     given = search.observation.given
     blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
-    placements = search.part_placements(compared)
-    distances = np.array([search.assigned(given, T, search.exists, REACH)[0] for T in placements])
+    distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
     return float((gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9)).min())
@@ -213,9 +212,5 @@ def _departures(
     probes = np.ascontiguousarray(np.concatenate(placed), np.float32)
     starts = np.cumsum([0, *(len(own) for own in placed[:-1])])
     sizes = [len(own) for own in placed]
-    return np.array(
-        [
-            (np.add.reduceat(search.assigned(probes, T, search.exists, REACH)[0], starts) / sizes).max()
-            for T in search.part_placements(rivals)
-        ]
-    )
+    distances = search.distances(probes, search.part_placements(rivals), search.exists, REACH)
+    return np.asarray((np.add.reduceat(distances, starts, axis=1) / sizes).max(axis=1))

@@ -39,6 +39,10 @@ ACROSS = 0.005
 """Noise (model diagonals) from which it takes points across thin parts."""
 SHORT = 5e-4
 """Last step (rad, model diagonals) up to which the problem before it is that at the end."""
+ALIGNED = 0.7
+"""Cosine between two steps, by the surface's displacement, from which the second goes on where the first went, ..."""
+MOST_STRETCH = 4.0
+"""... and how much farther it may go."""
 ONE_THREAD = 2**18
 """Multiplications of a matrix product up to which OpenBLAS leaves it to one thread: more of them gain nothing here, and
 wait for each other where other work holds the processor."""
@@ -300,6 +304,7 @@ class JointLeastSquares:
         if self.silhouette is None:
             self.look(base, values, residual)
         problem = self.build(base, values, sigma)
+        before, stretch = np.zeros(6 + len(values)), 1.0
         while not converged and iterations < self.options.iterations:
             iterations += 1
             try:
@@ -308,7 +313,9 @@ class JointLeastSquares:
                 logger.warning("%s: the answer has not converged", error)
                 break
             converged = problem.displacement(step) < self.options.tolerance
-            base, values = self.stepped(base, values, step)
+            stretch = 1.0 if converged else stretched(problem.H, before, step, stretch)
+            before = step
+            base, values = self.stepped(base, values, np.clip(stretch * step, *self.step_bounds(values)))
             # Unknowns that the scan hardly tells may move far without displacing what is matched.
             if not (converged and np.abs(step).max() < SHORT):
                 problem = self.build(base, values, sigma)
@@ -328,6 +335,19 @@ class JointLeastSquares:
         wraps = self.model.continuous & (span > 0)
         turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
         return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+def stretched(H: Array, before: Array, step: Array, stretch: float) -> float:
+    """Return by how much a step is to be prolonged, the step `before` having been by `stretch`.
+
+    Surfaces that slide along themselves take many small steps in one direction: each step leaves the same share of the
+    way, whose sum is a geometric series (Aitken's extrapolation).
+    """
+    squared, along, own = float(before @ H @ before), float(before @ H @ step), float(step @ H @ step)
+    if along <= ALIGNED * np.sqrt(squared * own):
+        return 1.0
+    left = 1.0 - (1.0 - along / squared) / stretch
+    return MOST_STRETCH if left >= 1.0 - 1.0 / MOST_STRETCH else max(1.0, 1.0 / (1.0 - left))
 
 
 def normal_matrix(J: Array, information: Array) -> Array:

@@ -63,7 +63,8 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     on_side = (owner >= 0) & moves[owner]
     points = np.ascontiguousarray(search.observation.given[on_side])
     otherwise = _distances(search, points, T, search.exists & ~moves)[0]
-    left = [np.minimum(_distances(search, points, own, search.exists & moves)[0], otherwise) for own in placed]
+    moved = search.distances(points, placed, search.exists & moves, search.options.near).astype(float)
+    left = np.minimum(moved, otherwise)
     variance = errors.noise**2 + errors.systematic**2
     cost = np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) / (2.0 * POINTS_AS_ONE)
     best = int(cost.argmin())

@@ -187,6 +187,8 @@ def without_far_points(scan: Scan, reach: float) -> Scan:
 
     One point without depth, put where the sensor or the origin of the map is, would widen the scan beyond all bounds.
     """
+    if (np.ptp(scan.points, axis=0) <= reach).all():
+        return scan
     low, high = bulk(scan)
     if ((scan.points >= low - reach) & (scan.points <= high + reach)).all():
         return scan

@@ -25,10 +25,8 @@ class RepairOptions:
     early_rounds: int = 2
     """... for so many rounds; after that only the best ..."""
     late_solutions: int = 2
-    patience: int = 2
-    """Rounds that may pass (one, where the best solution leaves nothing to explain) without ..."""
     gain: float = 0.006
-    """... this gain of score."""
+    """A round without this gain of score is the last."""
     margin: float = 0.12
     """Solutions worse than the best by more than this are not worth repairing."""
     alternatives: int = 16
@@ -38,16 +36,18 @@ class RepairOptions:
     varied: int = 8
     """... and others that change whole limbs: before it is refined, a limb brought to its place scores less than the
     many moves that change next to nothing, ..."""
-    hopeful: float = 0.08
+    hopeful: float = 0.06
     """... if they score, before that, no worse than the best solution by more than this."""
+    narrow: int = 6
+    """Moves, the best before refinement, that are refined from a narrow scale too: it does not undo what a sweep got
+    right."""
     held_limbs: int = 16
     """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
     turned_parts: int = 3
     """Largest parts that are turned by half a revolution."""
     unexplained: float = 0.006
-    """Share of scan points far from the model below which nothing is missing."""
-    explained: float = 0.002
-    """... and below which only the best solution is repaired."""
+    """Share of scan points far from the model below which nothing is missing, and only the best solution is
+    repaired, ..."""
     much_unexplained: float = 0.1
     """... and above which every solution has votes, not only the foremost: which one that is says little yet."""
     votes: VoteOptions = field(default_factory=VoteOptions)
@@ -57,11 +57,8 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
     """Return the distinct solutions after at most `options.rounds` rounds, best first."""
     solutions = search.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
-    in_vain = 0
     for round_ in range(options.rounds):
         worth = _worth_repair(search, solutions, options, round_)
-        if in_vain >= (1 if worth == 1 else options.patience):
-            break
         moved: list[Candidates] = []
         for rank in range(worth):
             solution = solutions.take([rank])
@@ -79,24 +76,26 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
         moves = moves.take(moves.scores > solutions.scores[0] - options.hopeful * _scale(solutions))
         if len(moves) == 0:
             break
-        # A wide scale finds the way from afar, a narrow one does not undo what a sweep got right.
-        refined = [search.refined(moves, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
+        refined = [
+            search.refined(moves, iterations=10, sigma=0.03),
+            search.refined(moves.best_first().take(slice(options.narrow)), iterations=10, sigma=0.01),
+        ]
         found = search.scored(Candidates.concatenate(refined))[0]
-        in_vain = 0 if found.scores.max() > solutions.scores[0] + options.gain else in_vain + 1
+        in_vain = found.scores.max() <= solutions.scores[0] + options.gain
         solutions = search.distinct(
             Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
         )
+        if in_vain:
+            break
     return solutions
 
 
 def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
     """Return how many of the solutions, best first, are repaired in a round."""
     best = solutions.take([0])
-    unexplained = search.unexplained(best)
-    wrong = search.poorly_supported(search.scored(best)[1][0]).any()
     # A scan that holds more than the model leaves something unexplained however good the answer.
     complete = search.coverage_scale > 1.0 and not search.lacks(best).any()
-    if unexplained <= options.explained or (not wrong and unexplained <= options.unexplained) or complete:
+    if complete or search.unexplained(best) <= options.unexplained:
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
     return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)

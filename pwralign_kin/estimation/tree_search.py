@@ -467,3 +467,9 @@ class TreeSearch:
         mask = parts.astype(np.uint8)
         distance, part, _ = self.native.assign(points, np.ascontiguousarray(placements), mask, reach)
         return np.asarray(distance), np.asarray(part)
+
+    def distances(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> Float:
+        """Return (m, n) the distances (at most `reach`) of points (n, 3) from the nearest of `parts`, for each of
+        several sets of placements (m, parts, 4, 4)."""
+        flat = np.ascontiguousarray(placements).reshape(-1, 4, 4)
+        return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach))

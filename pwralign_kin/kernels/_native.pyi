@@ -265,6 +265,9 @@ class Search:
     def assign(
         self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]: ...
+    def distances(
+        self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
+    ) -> NDArray[np.float32]: ...
     def normal_equations(
         self,
         placements: NDArray[np.float64],

@@ -522,6 +522,21 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
+            const size_t n = self.model.parts;
+            require(placements.shape(0) % n == 0 && mask.shape(0) == n, "one placement per part is needed");
+            std::vector<Rigid> T;
+            std::vector<uint8_t> used;
+            for (size_t i = 0; i < placements.shape(0); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+            for (size_t p = 0; p < n; ++p) used.push_back(mask.data()[p] && self.model.surface[p].exists);
+            const size_t count = T.size() / n;
+            std::vector<float> out(count * points.shape(0));
+            {
+                nb::gil_scoped_release release;
+                self.distances({vectors(points), 1, int64_t(points.shape(0))}, T, int64_t(count), used.data(), cap, out.data());
+            }
+            return to_numpy(std::move(out), {count, points.shape(0)});
+        }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;
             require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");

@@ -26,6 +26,16 @@ Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint
     return a;
 }
 
+void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
+                       float *out) const {
+    const size_t asked = points.order.size();
+    parallel_for(count, options.threads, [&](int64_t c) {
+        Nearest found(int64_t(asked), cap);
+        offer(points, &T[c * model.parts], mask, found);
+        for (size_t at = 0; at < asked; ++at) out[c * asked + points.order[at]] = found.distance[at];
+    });
+}
+
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
 float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
     float sum = 0, all = 0;

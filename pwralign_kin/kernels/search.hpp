@@ -154,6 +154,10 @@ class Search {
                                          float sigma, float cap, float support_weight, const float *part_weights,
                                          bool along_rays, std::vector<int> &counts) const;
     Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;
+    // Distances of points (at most `cap`) from the nearest of the parts in `mask`, one row of `out` for each of `count` sets
+    // of placements.
+    void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
+                   float *out) const;
     // Offer the parts in `mask` to points, in the order of their neighbourhood.
     void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const;
 
