@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.continuation import continued
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 from pwralign_kin.se3 import Array
 
@@ -72,6 +73,9 @@ class Evidence:
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
     sensor."""
 
+    continued: float
+    """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
@@ -105,6 +109,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         confirmed * float(shares @ weights) / float(weights.sum()),
         float(strange),
         float(astray),
+        continued(search, final),
     )
 
 
