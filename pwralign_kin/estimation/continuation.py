@@ -52,7 +52,8 @@ def continued(search: TreeSearch, candidate: Candidates) -> float:
     """
     observation = search.observation
     placements = np.ascontiguousarray(search.part_placements(candidate)[0])
-    starts = _spread(_on_model(search, placements), observation.areas)
+    distances, on_model = _on_model(search, placements)
+    starts = _spread(on_model, observation.areas)
     if len(starts) == 0:
         return 0.0
     points, normals = observation.points[starts], observation.normals[starts]
@@ -62,7 +63,7 @@ def continued(search: TreeSearch, candidate: Candidates) -> float:
     off = np.flatnonzero(search.assigned(ends, placements, search.exists, 1.01 * reach)[0] > reach)
     start, end = off // DIRECTIONS, ends[off]
     follower = observation.field.nearest(np.ascontiguousarray(end))
-    follows = follower >= 0
+    follows = (follower >= 0) & (distances[follower] > search.reach)
     following, turned = observation.points[follower], observation.normals[follower]
     around = max(AROUND, AROUND_SPACINGS * observation.spacing)
     follows &= np.linalg.norm(following - end, axis=1) < around
@@ -72,8 +73,8 @@ def continued(search: TreeSearch, candidate: Candidates) -> float:
     return float(follows.sum() / max(len(off), LEAST_STEPS))
 
 
-def _on_model(search: TreeSearch, placements: Array) -> NDArray[np.int64]:
-    """Return the scan points that lie on the model and face the way that it does there."""
+def _on_model(search: TreeSearch, placements: Array) -> tuple[Float, NDArray[np.int64]]:
+    """Return the distances of the scan points, and those that lie on the model and face the way that it does there."""
     observation = search.observation
     distance, part, sample = search.native.assign(
         observation.points, placements, search.exists.astype(np.uint8), search.options.near
@@ -85,7 +86,7 @@ def _on_model(search: TreeSearch, placements: Array) -> NDArray[np.int64]:
         normals = surface.dense_normals[sample[on][own]] @ placements[index, :3, :3].T
         facing[own] = np.einsum("ij,ij->i", normals, observation.normals[on][own])
     # Without a sensor, which side of a surface is outside is a guess.
-    return np.asarray(on[(facing if observation.single_view else np.abs(facing)) >= ALIKE])
+    return distance, on[(facing if observation.single_view else np.abs(facing)) >= ALIKE]
 
 
 def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:
