@@ -14,8 +14,8 @@ RIGHT = (-3.91, -0.73, -0.63, -1.9, 0.27)
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
 seventeen models and to scans of something else; that of what is continued with the others held."""
 CONTINUED = (0.15, 0.55)
-"""Share of the edges beyond which surface goes on: right answers have no more, and more than the second tells no more
-either. Corners that noise and sparse points round off are continued too."""
+"""Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
+that widen outlines a little more; beyond the second, more tells no more."""
 
 
 def confidence(evidence: Evidence) -> float:
