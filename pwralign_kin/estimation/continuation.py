@@ -95,7 +95,7 @@ def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:
         return points
     share = np.cumsum(areas[points], dtype=float)
     drawn = np.searchsorted(share / share[-1], (np.arange(STARTS) + 0.5) / STARTS)
-    return points[np.unique(np.minimum(drawn, len(points) - 1))]
+    return np.asarray(points[np.unique(np.minimum(drawn, len(points) - 1))])
 
 
 def _directions(normals: Float) -> Array:
