@@ -118,7 +118,7 @@ def fitted(outcomes: Sequence[Outcome]) -> Array:
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (4,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (5,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
     return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
@@ -140,7 +140,7 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "unlike and not borne out", "borne out", "distinct",
+        "present: intercept", "unlike and not borne out", "borne out", "distinct", "continued",
         "right: intercept", "nearby", "lacking", "uneven", "distinct",
     )  # fmt: skip
     found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.continuation import priced
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.evidence import gathered
 from pwralign_kin.estimation.face_hypotheses import face_hypotheses
@@ -152,7 +153,7 @@ class AnswerSearch:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        return ranked(search, fine)
+        return priced(search, ranked(search, fine)).best_first() if search.observation.scene else ranked(search, fine)
 
     def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
         """Return whether another search would be in vain."""
@@ -220,23 +221,21 @@ class AnswerSearch:
                     answers.append(self._repaired_one_by_one(left))
                 regions.repaired.append(answers[-1])
             best = self._distinct(answers)
-            if self._soundness(self.search, best) >= options.sound:
+            if self._is_sound(best):
                 break
         return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
         """Repair the best candidates of a scene, each with what is about it, until one is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        left, several = self._distinct([candidates]), []
+        left, several = self._distinct([priced(search, candidates)]), []
         for _ in range(options.finalists):
             focused = search.about(left.take([0]), options.focus)
             solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
-            several.append(search.scored(solutions)[0].best_first())
+            several.append(priced(search, search.scored(solutions)[0]).best_first())
             best = several[-1].take([0])
             left = unlike(search, left, [best], options.apart)
-            if len(left) == 0 or self._is_convincing(best):
-                break
-            if self._soundness(search, several[-1]) >= options.sound:
+            if len(left) == 0 or self._is_convincing(best) or self._is_sound(several[-1]):
                 break
         return self._distinct(several)
 
@@ -287,6 +286,12 @@ class AnswerSearch:
                 break
             best = better
         return search.scored(best)[0] if best is not start else None
+
+    def _is_sound(self, solutions: Candidates) -> bool:
+        """Return whether the best of several answers to a scene is worth no further search."""
+        evidence = gathered(self.search, solutions.take([0]), solutions)
+        options = self.options.scene_search
+        return soundness(evidence) >= options.sound and evidence.continued <= options.continued
 
     def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""

@@ -7,12 +7,15 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-PRESENT = (6.62, 3.63, 2.08, 0.59)
+PRESENT = (6.62, 3.63, 2.08, 0.59, -2.5)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-3.91, -0.73, -0.63, -1.9, 0.27)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
-seventeen models and to scans of something else."""
+seventeen models and to scans of something else; that of what is continued with the others held."""
+CONTINUED = (0.15, 0.55)
+"""Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
+that widen outlines a little more; beyond the second, more tells no more."""
 
 
 def confidence(evidence: Evidence) -> float:
@@ -26,11 +29,11 @@ def confidence(evidence: Evidence) -> float:
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a scan of the model from one of something else (3,).
+    """Return what tells a scan of the model from one of something else (4,).
 
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
     out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
-    something else, many answers are about as good.
+    something else, many answers are about as good, and surface that only coincides with the model's goes on beyond it.
     """
     unlike = 10.0 * min(evidence.strange + evidence.astray, 0.4)
     return np.array(
@@ -38,6 +41,7 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
             unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.5) / 0.5),
             np.log(np.clip(evidence.borne_out, 0.01, 0.2)),
             np.clip(evidence.distinct, -8.0, 4.0),
+            10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
         ]
     )
 

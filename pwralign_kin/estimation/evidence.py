@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.continuation import continued
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 from pwralign_kin.se3 import Array
 
@@ -21,6 +22,8 @@ APART = 0.015
 """Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival."""
 MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
+REFUTED = 0.2
+"""A better rival of which this share more of the edges is continued is none."""
 PROBES = 40
 """Samples of each part that are compared."""
 BLUR, REACH = 0.012, BAND
@@ -72,6 +75,9 @@ class Evidence:
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
     sensor."""
 
+    continued: float
+    """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
@@ -94,7 +100,8 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
-    margin, distinct = _margins(search, final, others, points)
+    beyond = continued(search, final)
+    margin, distinct = _margins(search, final, others, points, beyond)
     return Evidence(
         float(nearby),
         float(lacking),
@@ -105,6 +112,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         confirmed * float(shares @ weights) / float(weights.sum()),
         float(strange),
         float(astray),
+        beyond,
     )
 
 
@@ -145,11 +153,12 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
 
 
 def _margins(
-    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64], beyond: float
 ) -> tuple[float, float]:
     """Return how much better the answer is than its best rival, by score and in standard deviations.
 
-    Without any rival, 1 and what is the most that so many points can tell.
+    Without any rival, 1 and what is the most that so many points can tell. What explains more because it lies in
+    something larger, beyond whose edges more of the scan goes on than `beyond` those of the answer, is none.
     """
     seen = np.flatnonzero(points >= LEAST_POINTS)
     moved = _with_joints_moved(search, final, points).best_first()
@@ -160,7 +169,13 @@ def _margins(
         return 1.0, float(np.sqrt(len(search.observation.given)))
     compared = Candidates.concatenate([final, rivals])
     scores = search.scored(compared)[0].scores
-    return float(scores[0] - scores[1:].max()), _distinctness(search, compared)
+    margins, distinct = scores[0] - scores[1:], _distinctness(search, compared)
+    stands = np.ones(len(rivals), bool)
+    for rank in np.flatnonzero((margins < 0.0) | (distinct < 0.0)):
+        stands[rank] = continued(search, rivals.take([rank])) <= beyond + REFUTED
+    if not stands.any():
+        return 1.0, float(np.sqrt(len(search.observation.given)))
+    return float(margins[stands].min()), float(distinct[stands].min())
 
 
 def _apart(
@@ -177,14 +192,14 @@ def _apart(
     return rivals.take(kept[:count])
 
 
-def _distinctness(search: TreeSearch, compared: Candidates) -> float:
-    """Return by how many standard deviations the points speak for the first candidate against the best other."""
+def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
+    """Return by how many standard deviations the points speak for the first candidate against each other."""
     given = search.observation.given
     blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
     distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
-    return float((gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9)).min())
+    return np.asarray(gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9), np.float64)
 
 
 def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:

@@ -16,7 +16,16 @@ from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 GOOD = Evidence(
-    nearby=0.0, lacking=0.0, uneven=1.1, margin=0.05, distinct=8.0, noise=0.002, borne_out=0.6, strange=0.0, astray=0.0
+    nearby=0.0,
+    lacking=0.0,
+    uneven=1.1,
+    margin=0.05,
+    distinct=8.0,
+    noise=0.002,
+    borne_out=0.6,
+    strange=0.0,
+    astray=0.0,
+    continued=0.0,
 )
 
 
@@ -90,6 +99,7 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"borne_out": 0.1},
         {"borne_out": 0.3, "strange": 0.3},
         {"borne_out": 0.3, "astray": 0.3},
+        {"continued": 0.5},
     ],
     ids=lambda worse: " ".join(worse),
 )

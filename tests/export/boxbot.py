@@ -126,7 +126,16 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         undetermined=("wrist",),
         std={name: np.inf if name == "wrist" else 1e-3 for name in model.joint_names},
         evidence=Evidence(
-            0.0, 0.0, uneven=1.0, margin=0.1, distinct=8.0, noise=0.002, borne_out=0.6, strange=0.0, astray=0.0
+            0.0,
+            0.0,
+            uneven=1.0,
+            margin=0.1,
+            distinct=8.0,
+            noise=0.002,
+            borne_out=0.6,
+            strange=0.0,
+            astray=0.0,
+            continued=0.0,
         ),
         covariance=np.zeros((size, size)),
         alternatives=(),
