@@ -262,7 +262,7 @@ class AnswerSearch:
             others = unlike(search, solutions, [best], search.options.distinct)
             few = replace(self.repairing, rounds=1)
             read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-            before, after = _ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+            before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
                 break
             solutions = read
@@ -355,10 +355,10 @@ def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
-    return Candidates(candidates.bases, candidates.values, _ranks(search, candidates)).best_first()
+    return Candidates(candidates.bases, candidates.values, ranks(search, candidates)).best_first()
 
 
-def _ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the scores that `ranked` ranks by."""
     both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
     return np.asarray(both_ways + finest(search, candidates), np.float32)
