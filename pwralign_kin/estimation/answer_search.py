@@ -100,12 +100,18 @@ class AnswerSearch:
         self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
 
     def without_guess(self) -> Candidates:
-        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits."""
+        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
+
+        Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
+        answers are compared so.
+        """
         if self.search.observation.scene:
             return self._in_scene()
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
-            several.append(self._once(self.options.seed + attempt))
+            search = self.search if attempt == 0 else self.search.tolerant()
+            several.append(self._once(self.options.seed + attempt, search))
+            several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
@@ -180,9 +186,8 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int) -> Candidates:
+    def _once(self, seed: int, search: TreeSearch) -> Candidates:
         """Search a scan of the model."""
-        search = self.search
         with self.watch.stage("hypotheses"):
             hypotheses = self._hypotheses(seed)
             if len(hypotheses.parts) == 0:
