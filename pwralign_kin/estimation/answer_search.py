@@ -101,12 +101,18 @@ class AnswerSearch:
         self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
 
     def without_guess(self) -> Candidates:
-        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits."""
+        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
+
+        Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
+        answers are compared so.
+        """
         if self.search.observation.scene:
             return self._in_scene()
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
-            several.append(self._once(self.options.seed + attempt))
+            search = self.search if attempt == 0 else self.search.tolerant()
+            several.append(self._once(self.options.seed + attempt, search))
+            several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
@@ -181,9 +187,8 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int) -> Candidates:
+    def _once(self, seed: int, search: TreeSearch) -> Candidates:
         """Search a scan of the model."""
-        search = self.search
         with self.watch.stage("hypotheses"):
             hypotheses = self._hypotheses(seed)
             if len(hypotheses.parts) == 0:
@@ -261,7 +266,7 @@ class AnswerSearch:
             others = unlike(search, solutions, [best], search.options.distinct)
             few = replace(self.repairing, rounds=1)
             read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-            before, after = _ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+            before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
                 break
             solutions = read
@@ -363,10 +368,10 @@ def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np
 
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
-    return Candidates(candidates.bases, candidates.values, _ranks(search, candidates)).best_first()
+    return Candidates(candidates.bases, candidates.values, ranks(search, candidates)).best_first()
 
 
-def _ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """Return the scores that `ranked` ranks by."""
     both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
     return np.asarray(both_ways + finest(search, candidates), np.float32)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answer_search import SOUND, AnswerSearch
 from pwralign_kin.estimation.candidates import Candidates
+from pwralign_kin.estimation.contest import contested
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.equal_answers import equal_answers
+from pwralign_kin.estimation.evidence import Evidence, gathered
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.likelihood import likeliest
-from pwralign_kin.estimation.observability import doubted
+from pwralign_kin.estimation.observability import Doubt, doubted
 from pwralign_kin.estimation.observation import Observation, observe, was_prepared, without_far_points
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
@@ -45,6 +47,15 @@ class Fit:
     prior: Array
     """(k,) values in search units that joints keep where the scan does not tell."""
     watch: Stopwatch
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An answer, what the scan does not tell of it, and what speaks for and against it."""
+
+    solution: Solution
+    doubt: Doubt
+    evidence: Evidence
 
 
 class Estimator:
@@ -110,11 +121,22 @@ class Estimator:
         return Fit(scan, solver, finished, prior, watch)
 
     def _finished(self, fit: Fit, initial: State | None) -> Estimate:
+        """Return the estimate that a search makes, or its rivals if the points prefer one."""
+        judged, equal = self._settled(fit, initial)
+        with fit.watch.stage("contest"):
+            finished = contested(fit.solver.search, judged.solution.configuration, judged.evidence, fit.finished)
+        if finished is not None:
+            fit = replace(fit, finished=finished)
+            judged, equal = self._settled(fit, initial)
+        return self._reported(fit, judged, equal)
+
+    def _settled(self, fit: Fit, initial: State | None) -> tuple[Judged, Candidates]:
+        """Return the best answer solved and judged, and those that look alike."""
         with fit.watch.stage("least squares"):
             solution = self._solve(fit.solver, fit.finished)
         with fit.watch.stage("equal answers"):
             solution, equal = self._chosen(fit, solution, initial)
-        return self.concluded(fit, solution, equal)
+        return self._judged(fit, solution), equal
 
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
@@ -141,13 +163,24 @@ class Estimator:
             return estimate
         return max(estimate, other, key=lambda answer: soundness(answer.evidence))
 
-    def concluded(self, fit: Fit, solution: Solution, equal: Candidates | None = None) -> Estimate:
-        """Return the estimate that a solution of the joint least squares makes; None: its `equal` answers are made."""
-        if equal is None:
-            equal = equal_answers(self.model, fit.solver.search, solution.configuration)
+    def concluded(self, fit: Fit, solution: Solution) -> Estimate:
+        """Return the estimate that a solution of the joint least squares makes."""
+        equal = equal_answers(self.model, fit.solver.search, solution.configuration)
+        return self._reported(fit, self._judged(fit, solution), equal)
+
+    def _judged(self, fit: Fit, solution: Solution) -> Judged:
+        """Say what the scan does not tell of a solution, and what speaks for and against it."""
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
-        return reported(fit.scan, fit.solver, solution, doubt, fit.finished, equal, self.options, fit.watch)
+        with fit.watch.stage("confidence"):
+            evidence = gathered(fit.solver.search, solution.configuration, fit.finished)
+        return Judged(solution, doubt, evidence)
+
+    def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:
+        return reported(
+            fit.scan, fit.solver, judged.solution, judged.doubt, judged.evidence, fit.finished, equal, self.options,
+            fit.watch,
+        )  # fmt: skip
 
     def _observe(self, scan: Scan, initial: State | None, surroundings: NDArray[np.bool_] | None) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""

@@ -101,7 +101,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
     beyond = continued(search, final)
-    margin, distinct = _margins(search, final, others, points, beyond)
+    margin, distinct = _margins(search, final, _rivals(search, final, others, points), beyond)
     return Evidence(
         float(nearby),
         float(lacking),
@@ -152,19 +152,19 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 
 
-def _margins(
-    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64], beyond: float
-) -> tuple[float, float]:
-    """Return how much better the answer is than its best rival, by score and in standard deviations.
+def rivals_to(search: TreeSearch, final: Candidates, others: Candidates) -> Candidates:
+    """Return the rivals that the evidence weighs the `final` configuration (one) against, unrefined."""
+    distance, part = search.owners(final, search.exists)
+    owners = part[(distance <= search.reach) & search.searched]
+    return _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
+
+
+def _margins(search: TreeSearch, final: Candidates, rivals: Candidates, beyond: float) -> tuple[float, float]:
+    """Return how much better the answer is than the best of its rivals, by score and in standard deviations.
 
     Without any rival, 1 and what is the most that so many points can tell. What explains more because it lies in
     something larger, beyond whose edges more of the scan goes on than `beyond` those of the answer, is none.
     """
-    seen = np.flatnonzero(points >= LEAST_POINTS)
-    moved = _with_joints_moved(search, final, points).best_first()
-    rivals = Candidates.concatenate(
-        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
-    )
     if len(rivals) == 0:
         return 1.0, float(np.sqrt(len(search.observation.given)))
     compared = Candidates.concatenate([final, rivals])
@@ -176,6 +176,18 @@ def _margins(
     if not stands.any():
         return 1.0, float(np.sqrt(len(search.observation.given)))
     return float(margins[stands].min()), float(distinct[stands].min())
+
+
+def _rivals(search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]) -> Candidates:
+    """Return which of the `others`, and of the best ways to move one joint, take one of the seen parts off the surface.
+
+    `points` (parts,) of the scan lie on each part.
+    """
+    seen = np.flatnonzero(points >= LEAST_POINTS)
+    moved = _with_joints_moved(search, final, points).best_first()
+    return Candidates.concatenate(
+        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
+    )
 
 
 def _apart(

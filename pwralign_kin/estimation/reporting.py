@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.answer_search import total_coverage
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.confidence import confidence
-from pwralign_kin.estimation.evidence import gathered
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observability import Doubt
 from pwralign_kin.estimation.observation import Observation
@@ -32,18 +32,20 @@ def reported(
     solver: JointLeastSquares,
     solution: Solution,
     doubt: Doubt,
+    evidence: Evidence,
     finished: Candidates,
     equal: Candidates,
     options: EstimatorOptions,
     watch: Stopwatch,
 ) -> Estimate:
-    """Return the estimate that a `solution` makes, beside the answers that the search `finished` with (best first) and
-    those that the model's symmetry makes `equal` to it."""
+    """Return the estimate that a `solution` and the evidence for it make.
+
+    Beside it are the answers that the search `finished` with (best first) and those that the model's symmetry makes
+    `equal` to it.
+    """
     model, search = solver.model, solver.search
     observation, final = search.observation, solution.configuration
     seen = search.seen_shares(final)[0]
-    with watch.stage("confidence"):
-        evidence = gathered(search, final, finished)
     with watch.stage("equal answers"):
         others = _others(search, final, finished, equal)
     state = _state(model, observation, solution.base, solution.values)

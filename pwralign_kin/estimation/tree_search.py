@@ -75,6 +75,8 @@ class SearchOptions:
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
+    tolerant_support_weight: float = 0.2
+    """The same where a single view has no convincing answer, and may have holes."""
     scene_support_weight: float = 1.5
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
     scene_normal_penalty: float = 1.8
@@ -173,6 +175,15 @@ class TreeSearch:
         o = self.options
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
         return self._with(wide, self.searched)
+
+    def tolerant(self) -> TreeSearch:
+        """Return the same search for a single view that may have holes: what it lacks of the model counts for little.
+
+        Through a hole a view seems to look past the model, so that the truth has much against it.
+        """
+        if not self.observation.single_view or self.observation.scene:
+            return self
+        return self._with(replace(self.options, support_weight=self.options.tolerant_support_weight), self.searched)
 
     def about(self, candidate: Candidates, reach: float) -> TreeSearch:
         """Return the same search of only those points of a scene that are within `reach` of one candidate.
