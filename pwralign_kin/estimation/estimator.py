@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import SOUND, AnswerSearch
+from pwralign_kin.estimation.answer_search import AnswerSearch
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.contest import contested
 from pwralign_kin.estimation.correspondences import Correspondences
@@ -34,6 +34,10 @@ from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
+
+
+PATCHED = 0.5
+"""Soundness from which an answer is not looked at again for what it leaves unexplained."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ class Estimator:
         The patch draws parts of the model to it, and passes for a sign that something else was scanned.
         """
         observation = fit.solver.search.observation
-        if observation.scene or soundness(estimate.evidence) >= SOUND:
+        if observation.scene or soundness(estimate.evidence) >= PATCHED:
             return estimate
         near = without_far_points(fit.scan, self.model.reach)
         left = estimate.scan_labels[near.source_index] < 0

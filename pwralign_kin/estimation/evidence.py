@@ -78,6 +78,9 @@ class Evidence:
     continued: float
     """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
 
+    points_per_part: float
+    """Points that lie on the model, over its parts with surface."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
@@ -113,6 +116,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         float(strange),
         float(astray),
         beyond,
+        float(points.sum() / search.exists.sum()),
     )
 
 
@@ -155,7 +159,7 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
 def rivals_to(search: TreeSearch, final: Candidates, others: Candidates) -> Candidates:
     """Return the rivals that the evidence weighs the `final` configuration (one) against, unrefined."""
     distance, part = search.owners(final, search.exists)
-    owners = part[(distance <= search.reach) & search.searched]
+    owners = part[(part >= 0) & (distance <= search.reach) & search.searched]
     return _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
 
 

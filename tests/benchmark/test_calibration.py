@@ -106,6 +106,7 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
             margin=0.0, distinct=random.uniform(-4.0, 12.0), noise=0.002,
             borne_out=random.uniform(0.2, 0.7) if present else random.uniform(0.05, 0.4),
             strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), continued=0.0,
+            points_per_part=300.0,
         )  # fmt: skip
         right = present and random.random() < logistic(confidence.RIGHT, confidence.features(found))
         return dataclasses.replace(outcome(0.5, right), evidence=dataclasses.asdict(found))

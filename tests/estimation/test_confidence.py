@@ -26,6 +26,7 @@ GOOD = Evidence(
     strange=0.0,
     astray=0.0,
     continued=0.0,
+    points_per_part=300.0,
 )
 
 
@@ -139,3 +140,8 @@ def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
     assert found.lacking == 1.0
     assert found.borne_out == 0.0
     assert confidence(found) < 0.05
+
+
+def test_few_points_a_part_are_little_to_go_by() -> None:
+    chances = [confidence(dataclasses.replace(GOOD, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
+    assert chances[0] < 0.5 < chances[1] < chances[2] == chances[3]

@@ -136,6 +136,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
             strange=0.0,
             astray=0.0,
             continued=0.0,
+            points_per_part=300.0,
         ),
         covariance=np.zeros((size, size)),
         alternatives=(),
