@@ -353,6 +353,50 @@ def corner_normals(vertices: Array, faces: Indices) -> Array:
 # --- views ---
 
 
+def refitted(view: View, mesh: PosedMesh, size: tuple[int, int]) -> View:
+    """Return one of `default_views` for a picture of another `size` (width, height)."""
+    if view.fov == _FIELD_OF_VIEW:
+        return _fitted_view(mesh.outline, view.axes()[2], view.up, size)
+    return _view_from(view.eye, mesh.outline, view.up, size)
+
+
+def overview(points: Array, view: View, size: tuple[int, int]) -> View:
+    """Return a view of all of `points` (n, 3) but the outermost: from the eye of `view`, or else along it."""
+    forward = view.axes()[2]
+    low, high = np.percentile(points, [1.0, 99.0], axis=0)
+    inner = points[((points >= low) & (points <= high)).all(axis=1)]
+    inner = points if len(inner) < 10 else inner
+    if view.fov == _FIELD_OF_VIEW:
+        return _fitted_view(inner, forward, view.up, size)
+    return _view_from(view.eye, inner, view.up, size)
+
+
+def splat(points: Array, view: View, size: tuple[int, int]) -> Image:
+    """Return a picture (height, width, 3) of `points` (n, 3) alone, the nearer the darker."""
+    side = SAMPLES_PER_PIXEL
+    fine = (side * size[0], side * size[1])
+    pixel, depth = _projected(points, view, fine)
+    inside = pixel >= 0
+    colour = np.ones((size[1], size[0], 3), dtype=np.float32)
+    if inside.any():
+        nearest = np.full(fine[0] * fine[1], np.inf)
+        np.minimum.at(nearest, pixel[inside], depth[inside])
+        low, high = np.percentile(depth[inside], [2.0, 98.0])
+        hit = np.isfinite(nearest)
+        shade = np.ones(len(nearest), dtype=np.float32)
+        shade[hit] = 0.22 + 0.5 * np.clip((nearest[hit] - low) / max(high - low, 1e-9), 0.0, 1.0)
+        colour[:] = shade.reshape(size[1], side, size[0], side).mean(axis=(1, 3))[..., None]
+    return as_bytes(colour)
+
+
+def frame_of(mesh: PosedMesh, view: View, size: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Return left, top, right and bottom (pixels) of what holds `mesh` in a picture from `view`."""
+    in_axes = (mesh.outline - view.eye) @ view.axes().T
+    slopes = in_axes[:, :2] / np.maximum(in_axes[:, 2:], 1e-9)
+    places = (slopes / _tangents(size, view.fov) + 1.0) / 2.0 * np.array(size)
+    return (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+
+
 def _camera_axes(forward: Array, up: Array) -> Array:
     """Return (3, 3) rows right, down, forward for the unit direction `forward`; `up` may lie along it."""
     right = np.cross(forward, up)
@@ -495,7 +539,7 @@ def _cast(mesh: PosedMesh, view: View, size: tuple[int, int], places: Singles) -
     )
 
 
-def _shaded(mesh: PosedMesh, met: _Samples, openness: Array, view: View, striped: NDArray[np.bool_]) -> Singles:
+def _shaded(mesh: PosedMesh, met: _Samples, openness: Singles, view: View, striped: NDArray[np.bool_]) -> Singles:
     """Return the colours (n, 3) of samples on the mesh in linear light: Lambert's law, two lamps, ambient occlusion.
 
     `openness` is (n,), `striped` (p,) the parts to be hatched.
@@ -701,7 +745,7 @@ _LMS_TO_LINEAR = np.array(
 )
 
 
-def as_bytes(linear: Array) -> Image:
+def as_bytes(linear: Singles) -> Image:
     """Return linear light as sRGB bytes."""
     levels = np.rint(255.0 * _to_srgb(np.arange(4096) / 4095.0)).astype(np.uint8)
     return np.asarray(levels[np.rint(4095.0 * np.clip(linear, 0.0, 1.0)).astype(np.int16)])

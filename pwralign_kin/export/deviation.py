@@ -156,12 +156,11 @@ class _Surroundings:
         asked &= ~self._looked_at
         self.hidden |= asked
         self._looked_at |= asked
-        # Most faces are told by one place; where there are many, few rays from each will do.
-        several = (self._rank > 0) & (self._rank < _SOME)
-        for among, sides in ((self._rank == 0, _open_sides), (several, _open_sides), (self._rank >= _SOME, _few)):
-            rows = np.flatnonzero(among & (asked & self.hidden)[self._owner])
+        for first, last in ((0, 1), (1, _SOME), (_SOME, _MOST_PLACES)):  # most faces are told by one place
+            within = (self._rank >= first) & (self._rank < last)
+            rows = np.flatnonzero(within & (asked & self.hidden)[self._owner])
             owner = self._owner[rows]
-            seen = np.maximum(*sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
+            seen = np.maximum(*_open_sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
             self.hidden[owner[seen]] = False
 
 
@@ -178,14 +177,10 @@ def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, 
     The first (n,) is of the half sphere around `towards` (n, 3), the second of the other; places are given
     relative to the centre of the mesh.
     """
-    front, back = _few(mesh, places, towards)
+    front, back = _free_shares(mesh, places, towards, _FEW_RAYS)
     unclear = np.flatnonzero((np.maximum(front, back) < _CLEAR) | (np.minimum(front, back) > 0.0))
     front[unclear], back[unclear] = _free_shares(mesh, places[unclear], towards[unclear], _MANY_RAYS)
     return front, back
-
-
-def _few(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, Array]:
-    return _free_shares(mesh, places, towards, _FEW_RAYS)
 
 
 def _free_shares(mesh: PosedMesh, places: Array, towards: Array, rays_each: int) -> tuple[Array, Array]:
