@@ -240,9 +240,10 @@ def default_views(
 
     The first is from the sensor if `scan` has one origin, else oblique from the side that shows most of the
     parts and of the scan; the second is from another side. `up` (3,) is the upward direction in the scan
-    frame, by default z.
+    frame, by default z; where the sensor at the origin looks along it, the scan is taken to be in the optical
+    frame of a camera, in which y points down (ROS REP 103).
     """
-    up = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
+    up = _upward(mesh, scan, np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64))
     candidates = [_oblique_view(mesh.outline, up, azimuth, size) for azimuth in np.radians(np.arange(0.0, 360.0, 30.0))]
     scores = np.array([_view_score(mesh, scan, view, size) for view in candidates])
     if scan is not None and scan.sensor_origin is not None and np.ndim(scan.sensor_origin) == 1:
@@ -283,10 +284,12 @@ def drawing(
     *,
     size: tuple[int, int] = (1280, 720),
     striped: Collection[int] = (),
+    dot: float | None = None,
 ) -> Drawing:
     """Return the picture of `mesh` from `view` with the points of `scan`, parts in `striped` (indices) hatched.
 
-    One ray is cast for every pixel, and more where neighbours differ.
+    `dot` is the radius of points, pixels; by default it goes with the size. One ray is cast for every pixel,
+    and more where neighbours differ.
     """
     pixels = _cast(mesh, view, size, _middles(size))
     busy = _busy(pixels, mesh.diagonal)
@@ -304,7 +307,8 @@ def drawing(
     colour[busy] = light.mean(axis=1)
     near = far = 0
     if scan is not None and len(scan.points):
-        near, far = _paint_points(colour, mesh, pixels, view, scan.points)
+        dot = 1.5e-3 * float(np.sqrt(size[0] * size[1])) if dot is None else dot
+        near, far = _paint_points(colour, mesh, pixels, view, scan.points, dot)
     shown = np.bincount(pixels.part[pixels.part >= 0], minlength=len(mesh.parts)) > 0
     return Drawing(as_bytes(colour), shown, near, far)
 
@@ -368,7 +372,7 @@ def overview(points: Array, view: View, size: tuple[int, int]) -> View:
     inner = points if len(inner) < 10 else inner
     if view.fov == _FIELD_OF_VIEW:
         return _fitted_view(inner, forward, view.up, size)
-    return _view_from(view.eye, inner, view.up, size)
+    return _view_from(view.eye, inner, view.up, size, np.radians(130.0))
 
 
 def splat(points: Array, view: View, size: tuple[int, int]) -> Image:
@@ -395,6 +399,14 @@ def frame_of(mesh: PosedMesh, view: View, size: tuple[int, int]) -> tuple[float,
     slopes = in_axes[:, :2] / np.maximum(in_axes[:, 2:], 1e-9)
     places = (slopes / _tangents(size, view.fov) + 1.0) / 2.0 * np.array(size)
     return (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+
+
+def _upward(mesh: PosedMesh, scan: Scan | None, up: Array) -> Array:
+    """Return `up` (3,), or what points up in the optical frame of a camera if `up` can only be its direction."""
+    if scan is None or scan.sensor_origin is None or np.any(scan.sensor_origin):
+        return up
+    along = float(mesh.centre @ up) / max(float(np.linalg.norm(mesh.centre) * np.linalg.norm(up)), 1e-12)
+    return np.array([0.0, -1.0, 0.0]) if along > np.cos(np.radians(35.0)) else up
 
 
 def _camera_axes(forward: Array, up: Array) -> Array:
@@ -430,8 +442,11 @@ def _fitted_view(outline: Array, forward: Array, up: Array, size: tuple[int, int
     return View(eye @ axes, eye @ axes + axes[2], up, float(_FIELD_OF_VIEW))
 
 
-def _view_from(eye: Array, outline: Array, up: Array, size: tuple[int, int]) -> View:
-    """Return the view from `eye` that just holds `outline` (n, 3); where `eye` is too close, from further back."""
+def _view_from(eye: Array, outline: Array, up: Array, size: tuple[int, int], widest: float = np.radians(75.0)) -> View:
+    """Return the view from `eye` that just holds `outline` (n, 3).
+
+    Where `eye` is so close that the shorter side would span more than `widest` (rad), it is from further back.
+    """
     forward = (outline.min(axis=0) + outline.max(axis=0)) / 2.0 - eye
     distance = float(np.linalg.norm(forward))
     if distance < 1e-6:
@@ -440,7 +455,7 @@ def _view_from(eye: Array, outline: Array, up: Array, size: tuple[int, int]) -> 
     for _ in range(3):
         axes = _camera_axes(forward, up)
         in_axes = (outline - eye) @ axes.T
-        if in_axes[:, 2].min() < 0.1 * distance:
+        if in_axes[:, 2].min() < 0.02 * distance:
             return _fitted_view(outline, forward, up, size)
         slopes = in_axes[:, :2] / in_axes[:, 2:]
         middle = (slopes.min(axis=0) + slopes.max(axis=0)) / 2.0
@@ -448,7 +463,7 @@ def _view_from(eye: Array, outline: Array, up: Array, size: tuple[int, int]) -> 
         forward /= np.linalg.norm(forward)
     half = np.abs(slopes - middle).max(axis=0) / np.array(size) * min(size) / _MARGIN
     fov = 2.0 * float(np.arctan(half.max()))
-    if fov > np.radians(75.0):
+    if fov > widest:
         return _fitted_view(outline, forward, up, size)
     return View(eye, eye + forward * distance, up, fov)
 
@@ -687,7 +702,9 @@ def _projected(points: Array, view: View, size: tuple[int, int]) -> tuple[Indice
     return np.where(inside, row * size[0] + column, -1), depth
 
 
-def _paint_points(colour: Singles, mesh: PosedMesh, pixels: _Samples, view: View, points: Array) -> tuple[int, int]:
+def _paint_points(
+    colour: Singles, mesh: PosedMesh, pixels: _Samples, view: View, points: Array, dot_radius: float
+) -> tuple[int, int]:
     """Paint dots into `colour` (height, width, 3) where the model does not hide them; return how many on and off it.
 
     A point on the model is shown where its closest place on the surface is: noise must not hide it behind the
@@ -707,7 +724,7 @@ def _paint_points(colour: Singles, mesh: PosedMesh, pixels: _Samples, view: View
 
     side = SAMPLES_PER_PIXEL
     fine = (side * width, side * height)
-    radius = max(1.0, 1.5e-3 * float(np.sqrt(fine[0] * fine[1])))
+    radius = max(1.0, side * dot_radius)
     steps = np.arange(-int(np.ceil(radius)), int(np.ceil(radius)) + 1)
     offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     offsets = offsets[(offsets**2).sum(axis=1) <= radius**2 + 0.5]

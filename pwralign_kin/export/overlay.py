@@ -39,7 +39,8 @@ _HIGHEST, _LOWEST = 900, 360
 _INK, _PALE, _BOX = (38, 40, 48), (140, 142, 150), (205, 32, 31)
 _MARGIN, _ROW = 36, 30
 _HEADER = 104
-_INSET = (330, 220)
+_INSET = (264, 164)
+_DOT = 1.2
 
 SCENE = 0.5
 """A scan of which the model takes a smaller share is a scene: an inset shows all of it."""
@@ -57,13 +58,15 @@ def write_overlay(
 
     views = default_views(mesh, scan, size=(500, 500), up=up)
     sizes = _panel_sizes(mesh, views)
-    fitted = [refitted(view, mesh, size) for view, size in zip(fitted, sizes, strict=True)]
+    fitted = [refitted(view, mesh, size) for view, size in zip(views, sizes, strict=True)]
     unsure = _undetermined_parts(model, estimate)
-    panels = [drawing(mesh, view, scan, size=size, striped=unsure) for view, size in zip(fitted, sizes, strict=True)]
+    panels = [
+        drawing(mesh, view, scan, size=size, striped=unsure, dot=_DOT) for view, size in zip(fitted, sizes, strict=True)
+    ]
     picture = np.concatenate([panel.image for panel in panels], axis=0 if sizes[0][0] == WIDTH else 1)
     entries = _legend(estimate, mesh, panels, unsure)
     rows = _flow(entries)
-    header = _HEADER + (_INSET[1] - 50 if estimate.scan_coverage < SCENE else 0)
+    header = _HEADER + (_INSET[1] - 54 if estimate.scan_coverage < SCENE else 0)
     height = header + len(picture) + _MARGIN // 2 + _ROW * len(rows) + _MARGIN
     canvas = Image.new("RGB", (WIDTH, height), "white")
     canvas.paste(Image.fromarray(picture), (0, header))
@@ -92,9 +95,19 @@ class Entry:
 
 
 def _undetermined_parts(model: ArticulatedModel, estimate: Estimate) -> set[int]:
-    """Return the parts whose own joint, or the one that it mimics, the scan does not tell."""
+    """Return the parts that the scan does not place beside what carries them: a joint between is undetermined.
+
+    Parts without geometry only stand between two joints of one place.
+    """
     unknown = {model.joint_names.index(name) for name in estimate.undetermined}
-    return {i for i, part in enumerate(model.parts) if part.joint is not None and part.joint.actuated in unknown}
+    unsure: set[int] = set()
+    for index, part in enumerate(model.parts):
+        if part.joint is None:
+            continue
+        carried = part.parent in unsure and not len(model.parts[part.parent].faces)
+        if carried or part.joint.actuated in unknown:
+            unsure.add(index)
+    return unsure
 
 
 def _paste_inset(canvas: Picture, pen: ImageDraw, mesh: PosedMesh, scan: Scan, view: View) -> None:
