@@ -38,7 +38,7 @@ POINT_FAR = np.array([0.62, 0.62, 0.64])
 
 _CREASE = np.cos(np.radians(40.0))
 _BEND, _STEP = 0.7, 0.03  # cosine between normals and step in depth (of the diagonal) that make a line
-_OCCLUSION_RAYS, _COARSE = 8, 3
+_OCCLUSION_RAYS, _COARSE = 12, 3
 _STRIPES, _STRIPED = 9.0, 0.62  # pixels from stripe to stripe, and how white they are
 _FIELD_OF_VIEW = np.radians(20.0)
 _MARGIN = 0.92
@@ -377,20 +377,16 @@ def overview(points: Array, view: View, size: tuple[int, int]) -> View:
 
 def splat(points: Array, view: View, size: tuple[int, int]) -> Image:
     """Return a picture (height, width, 3) of `points` (n, 3) alone, the nearer the darker."""
-    side = SAMPLES_PER_PIXEL
-    fine = (side * size[0], side * size[1])
-    pixel, depth = _projected(points, view, fine)
+    pixel, depth = _projected(points, view, size)
     inside = pixel >= 0
-    colour = np.ones((size[1], size[0], 3), dtype=np.float32)
+    shade = np.ones(size[0] * size[1], dtype=np.float32)
     if inside.any():
-        nearest = np.full(fine[0] * fine[1], np.inf)
+        nearest = np.full(len(shade), np.inf)
         np.minimum.at(nearest, pixel[inside], depth[inside])
         low, high = np.percentile(depth[inside], [2.0, 98.0])
         hit = np.isfinite(nearest)
-        shade = np.ones(len(nearest), dtype=np.float32)
         shade[hit] = 0.22 + 0.5 * np.clip((nearest[hit] - low) / max(high - low, 1e-9), 0.0, 1.0)
-        colour[:] = shade.reshape(size[1], side, size[0], side).mean(axis=(1, 3))[..., None]
-    return as_bytes(colour)
+    return as_bytes(np.repeat(shade.reshape(size[1], size[0], 1), 3, axis=2))
 
 
 def frame_of(mesh: PosedMesh, view: View, size: tuple[int, int]) -> tuple[float, float, float, float]:
