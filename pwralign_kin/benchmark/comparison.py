@@ -6,13 +6,14 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import openings, rigid_fit
 from pwralign_kin.benchmark.metrics import FOUND
 from pwralign_kin.benchmark.peers import CONTENDERS, OURS, Placement, Task
-from pwralign_kin.benchmark.pictures import as_png
+from pwralign_kin.benchmark.pictures import COLOURS, PALE, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Cases, Progress
 from pwralign_kin.benchmark.table import NONE, figure, median, quantile, share
 from pwralign_kin.exceptions import DependencyError
@@ -187,32 +188,65 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
 
 def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
     """Return PNGs by file name: parts right against time, a panel a tier."""
-    from matplotlib import colormaps
-    from matplotlib.figure import Figure
-
     tiers = list(by_tier(measured))
-    picture = Figure(figsize=(3.6 * len(tiers) + 2.6, 3.6), dpi=100, layout="constrained")
+    picture = new_figure(5.2 * len(tiers), 4.4)
     panels = picture.subplots(1, len(tiers), sharey=True, squeeze=False)[0]
     methods = _methods(measured)
     for axes, (tier, own) in zip(panels, tiers, strict=True):
-        for index, name in enumerate(methods):
+        places = {}
+        for name in methods:
             runs = [one for one in own if one.method == name]
             seconds = [one.seconds for one in runs if not one.fault]
             if not seconds:
                 continue
             low, middle, high = (quantile(seconds, part) for part in (0.25, 0.5, 0.75))
-            right = 100 * float(np.mean([one.right for one in runs]))
+            places[name] = (middle, 100 * float(np.mean([one.right for one in runs])))
+            colour, marker = _mark(name)
             axes.errorbar(
-                [middle], [right], xerr=[[middle - low], [high - middle]], marker="osD^vP*X<>hpd"[index % 13],
-                color=colormaps["tab20"](index), markersize=7, capsize=2, linestyle="none",
-                label=CONTENDERS[name].title,
+                *places[name], xerr=[[middle - low], [high - middle]], marker=marker, color=colour,
+                markersize=10 if name == OURS else 6, elinewidth=1, capsize=2, linestyle="none",
+                zorder=3 if _is_ours(name) else 2,
             )  # fmt: skip
-        axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 104))
-        axes.grid(alpha=0.3)
+        axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 108))
+        tidy(axes)
+        _label(axes, places)
     panels[0].set_ylabel("parts right, %")
-    shown = {label: mark for axes in panels for mark, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    picture.legend(list(shown.values()), list(shown), loc="outside right upper", frameon=False, fontsize=8)
     return {"peers.png": as_png(picture)}
+
+
+def _is_ours(name: str) -> bool:
+    return CONTENDERS[name].title.startswith("pwralign")
+
+
+def _mark(name: str) -> tuple[str, str]:
+    """Return colour and marker: ours, rigid methods, those that bend the parts, and the rest."""
+    if _is_ours(name):
+        return COLOURS[0], "o"
+    if "rigid)" in CONTENDERS[name].title or name == "cpd-rigid":
+        return PALE, "s"
+    return (COLOURS[1], "^") if CONTENDERS[name].bends else (COLOURS[2], "D")
+
+
+def _label(axes: Any, places: Mapping[str, tuple[float, float]]) -> None:
+    """Write the name of each method beside its place (time, share), away from the nearer side, none over another."""
+    times = [np.log(time) for time, _ in places.values()]
+    middle = (min(times) + max(times)) / 2
+    axes.set_xlim(np.exp(min(times) - 0.6), np.exp(max(times) + 0.6))
+    least = 4.6  # percent that a line of text is high
+    for on_right in (True, False):
+        own = [name for name, (time, _) in places.items() if (np.log(time) < middle) == on_right]
+        own.sort(key=lambda name: places[name][1])
+        lowest = -2.0
+        for name in own:
+            _, share_right = places[name]
+            height = max(share_right, lowest)
+            lowest = height + least
+            axes.annotate(
+                CONTENDERS[name].title, places[name], (12 if on_right else -12, 3.0 * (height - share_right)),
+                textcoords="offset points", ha="left" if on_right else "right", va="center", fontsize=7,
+                color=_mark(name)[0], fontweight="bold" if name == OURS else "normal",
+                arrowprops={"arrowstyle": "-", "color": "0.8", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3},
+            )  # fmt: skip
 
 
 def _methods(measured: Sequence[Measurement]) -> list[str]:
