@@ -189,7 +189,7 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
 def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
     """Return PNGs by file name: parts right against time, a panel a tier."""
     tiers = list(by_tier(measured))
-    picture = new_figure(5.2 * len(tiers), 4.4)
+    picture = new_figure(6.4 * len(tiers), 4.2)
     panels = picture.subplots(1, len(tiers), sharey=True, squeeze=False)[0]
     methods = _methods(measured)
     for axes, (tier, own) in zip(panels, tiers, strict=True):
@@ -228,25 +228,22 @@ def _mark(name: str) -> tuple[str, str]:
 
 
 def _label(axes: Any, places: Mapping[str, tuple[float, float]]) -> None:
-    """Write the name of each method beside its place (time, share), away from the nearer side, none over another."""
-    times = [np.log(time) for time, _ in places.values()]
-    middle = (min(times) + max(times)) / 2
-    axes.set_xlim(np.exp(min(times) - 0.6), np.exp(max(times) + 0.6))
-    least = 4.6  # percent that a line of text is high
-    for on_right in (True, False):
-        own = [name for name, (time, _) in places.items() if (np.log(time) < middle) == on_right]
-        own.sort(key=lambda name: places[name][1])
-        lowest = -2.0
-        for name in own:
-            _, share_right = places[name]
-            height = max(share_right, lowest)
-            lowest = height + least
-            axes.annotate(
-                CONTENDERS[name].title, places[name], (12 if on_right else -12, 3.0 * (height - share_right)),
-                textcoords="offset points", ha="left" if on_right else "right", va="center", fontsize=7,
-                color=_mark(name)[0], fontweight="bold" if name == OURS else "normal",
-                arrowprops={"arrowstyle": "-", "color": "0.8", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3},
-            )  # fmt: skip
+    """Write the names of the methods right of the panel, a line from each to its place (time, share)."""
+    order = sorted(places, key=lambda name: (places[name][1], -places[name][0]))
+    least = 5.4  # percent that a line of text is high
+    heights: list[float] = []
+    for name in order:
+        heights.append(max(places[name][1], heights[-1] + least if heights else 0.0))
+    top = 106.0
+    for index in reversed(range(len(heights))):  # those that do not fit push down what is below
+        heights[index] = min(heights[index], top - least * (len(heights) - 1 - index))
+    for name, height in zip(order, heights, strict=True):
+        axes.annotate(
+            CONTENDERS[name].title, places[name], (1.03, height), textcoords=axes.get_yaxis_transform(),
+            va="center", fontsize=7.5, color=_mark(name)[0], fontweight="bold" if name == OURS else "normal",
+            arrowprops={"arrowstyle": "-", "color": "0.8", "linewidth": 0.6, "shrinkA": 2, "shrinkB": 4, "relpos": (0, 0.5)},
+            annotation_clip=False, zorder=1,
+        )  # fmt: skip
 
 
 def _methods(measured: Sequence[Measurement]) -> list[str]:
