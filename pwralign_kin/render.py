@@ -327,7 +327,7 @@ def corner_normals(vertices: Array, faces: Indices) -> Array:
     length = np.linalg.norm(area_normal, axis=1)
     unit = area_normal / np.where(length > 0.0, length, 1.0)[:, None]
 
-    place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    place = distinct_rows(vertices)[1][faces]
     # Half-edge `k` of a face runs from its corner k to its corner k + 1.
     start, end = place.reshape(-1), np.roll(place, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -352,6 +352,16 @@ def corner_normals(vertices: Array, faces: Indices) -> Array:
     total = np.stack([np.bincount(group, per_corner[:, axis]) for axis in range(3)], axis=1)
     total_length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.asarray((total / np.where(total_length > 0.0, total_length, 1.0))[group].reshape(-1, 3, 3))
+
+
+def distinct_rows(rows: NDArray[Any]) -> tuple[Indices, Indices]:
+    """Return indices of one of each of the different `rows` (n, k), and (n,) which of those each row is like."""
+    order = np.lexsort(rows.T)
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    index = np.empty(len(rows), dtype=np.int64)
+    index[order] = np.cumsum(new) - 1
+    return order[new], index
 
 
 # --- views ---

@@ -241,7 +241,9 @@ def _label(axes: Any, places: Mapping[str, tuple[float, float]]) -> None:
         axes.annotate(
             CONTENDERS[name].title, places[name], (1.03, height), textcoords=axes.get_yaxis_transform(),
             va="center", fontsize=7.5, color=_mark(name)[0], fontweight="bold" if name == OURS else "normal",
-            arrowprops={"arrowstyle": "-", "color": "0.8", "linewidth": 0.6, "shrinkA": 2, "shrinkB": 4, "relpos": (0, 0.5)},
+            arrowprops={
+                "arrowstyle": "-", "color": "0.8", "linewidth": 0.6, "shrinkA": 2, "shrinkB": 4, "relpos": (0, 0.5)
+            },
             annotation_clip=False, zorder=1,
         )  # fmt: skip
 

@@ -159,9 +159,25 @@ class _Surroundings:
         for first, last in ((0, 1), (1, _SOME), (_SOME, _MOST_PLACES)):  # most faces are told by one place
             within = (self._rank >= first) & (self._rank < last)
             rows = np.flatnonzero(within & (asked & self.hidden)[self._owner])
+            if first >= _SOME:
+                rows = self._with_a_free_ray(rows)
             owner = self._owner[rows]
             seen = np.maximum(*_open_sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
             self.hidden[owner[seen]] = False
+
+    def _with_a_free_ray(self, rows: Indices) -> Indices:
+        """Return those of many places from which any ray leaves, each tried with a quarter of the directions.
+
+        A face that can be seen is seen from several neighbouring places, which have different quarters.
+        """
+        free = np.zeros(len(rows), dtype=bool)
+        quarter = self._rank[rows] % 4
+        for which in range(4):
+            own = rows[quarter == which]
+            directions = _sphere(_MANY_RAYS)[which::4]
+            shares = _free_shares(self._mesh, self._places[own], self._normals[self._owner[own]], directions)
+            free[quarter == which] = np.maximum(*shares) > 0.0
+        return rows[free]
 
 
 def _towards(local: Array, closest: Array, normals: Array) -> Array:
@@ -177,15 +193,14 @@ def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, 
     The first (n,) is of the half sphere around `towards` (n, 3), the second of the other; places are given
     relative to the centre of the mesh.
     """
-    front, back = _free_shares(mesh, places, towards, _FEW_RAYS)
+    front, back = _free_shares(mesh, places, towards, _sphere(_FEW_RAYS))
     unclear = np.flatnonzero((np.maximum(front, back) < _CLEAR) | (np.minimum(front, back) > 0.0))
-    front[unclear], back[unclear] = _free_shares(mesh, places[unclear], towards[unclear], _MANY_RAYS)
+    front[unclear], back[unclear] = _free_shares(mesh, places[unclear], towards[unclear], _sphere(_MANY_RAYS))
     return front, back
 
 
-def _free_shares(mesh: PosedMesh, places: Array, towards: Array, rays_each: int) -> tuple[Array, Array]:
-    """Return what `_open_sides` does, told by so many rays from each place."""
-    directions = _sphere(rays_each)
+def _free_shares(mesh: PosedMesh, places: Array, towards: Array, directions: Array) -> tuple[Array, Array]:
+    """Return what `_open_sides` does, told by rays in `directions` (d, 3)."""
     front, back = np.empty(len(places)), np.empty(len(places))
     for start in range(0, len(places), _CHUNK):
         rows = slice(start, start + _CHUNK)
