@@ -14,8 +14,10 @@ from pwralign_kin.render import (
     corner_normals,
     default_views,
     draw,
+    drawing,
     part_colours,
     posed_mesh,
+    refitted,
     render,
 )
 from pwralign_kin.scan import Scan
@@ -109,6 +111,33 @@ def test_dense_scans_do_not_bury_the_model(model: ArticulatedModel) -> None:
     assert 0.05 < darkened.sum() / drawn(bare).sum() < 0.35
 
 
+def test_hatched_parts_are_striped_and_others_as_before(model: ArticulatedModel) -> None:
+    mesh = posed_mesh(model, State())
+    plain = drawing(mesh, FRONT, size=SIZE).image.astype(int)
+    striped = drawing(mesh, FRONT, size=SIZE, striped={1}).image.astype(int)
+    arm = np.s_[30:42, 72:88]
+    assert np.array_equal(striped[60:], plain[60:])
+    assert (striped[arm] >= plain[arm]).all()
+    assert np.ptp(striped[arm].sum(axis=2)) > np.ptp(plain[arm].sum(axis=2)) + 60
+
+
+def test_a_drawing_tells_what_is_to_be_seen_in_it(model: ArticulatedModel) -> None:
+    mesh = posed_mesh(model, State())
+    scan = scan_at((0.2, 0.0, 0.0), (0.0, 0.35, 0.0), (-0.2, 0.0, 0.0))
+    seen = drawing(mesh, FRONT, scan, size=SIZE)
+    assert (seen.near, seen.far) == (10, 10)
+    assert seen.shown.tolist() == [True, True]
+    below = View(np.array([0.0, 0.0, -4.0]), np.zeros(3), np.array([1.0, 0.0, 0.0]), FRONT.fov)
+    assert drawing(mesh, below, size=SIZE).shown.tolist() == [True, False]
+
+
+def test_outlines_are_dark_and_smooth(model: ArticulatedModel) -> None:
+    tilted = View(FRONT.eye, FRONT.target, np.array([0.0, 0.2, 1.0]), FRONT.fov)
+    levels = np.unique(draw(posed_mesh(model, State()), tilted, size=SIZE).sum(axis=2))
+    assert len(levels[(levels > 560) & (levels < 760)]) >= 2  # a slanting edge on white has steps in between
+    assert levels.min() < 300
+
+
 def test_the_same_picture_comes_out_twice(model: ArticulatedModel) -> None:
     scan = scan_at((0.2, 0.0, 0.0), (0.0, 0.2, 0.0))
     assert np.array_equal(render(model, State(), scan, size=SIZE), render(model, State(), scan, size=SIZE))
@@ -139,6 +168,31 @@ def test_the_first_view_is_the_sensors(model: ArticulatedModel) -> None:
     assert shown.any()
     assert not shown[[0, -1]].any()
     assert not shown[:, [0, -1]].any()
+
+
+def test_a_view_is_fitted_to_another_size(model: ArticulatedModel) -> None:
+    mesh = posed_mesh(model, State())
+    scan = Scan(np.random.default_rng(0).normal(size=(20, 3)), sensor_origin=np.array([0.5, -2.0, 1.0]))
+    for view in default_views(mesh, scan, size=SIZE):
+        other = refitted(view, mesh, (80, 200))
+        assert other.axes()[2] @ view.axes()[2] > 0.99
+        shown = drawn(draw(mesh, other, size=(80, 200)))
+        assert not shown[[0, -1]].any()
+        assert not shown[:, [0, -1]].any()
+        assert (
+            max(np.ptp(np.flatnonzero(shown.any(axis=1))) / 200, np.ptp(np.flatnonzero(shown.any(axis=0))) / 80) > 0.8
+        )
+
+
+def test_a_cloud_in_the_frame_of_its_camera_is_shown_upright(model: ArticulatedModel) -> None:
+    ahead = np.eye(4)
+    ahead[:3, 3] = [0.1, 0.0, 3.0]
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    mesh = posed_mesh(model, State(ahead))
+    for view in default_views(mesh, Scan(points, sensor_origin=np.zeros(3)), size=SIZE):
+        assert np.array_equal(view.up, [0.0, -1.0, 0.0])
+    for view in default_views(mesh, Scan(points, sensor_origin=np.array([0.0, -2.0, 3.0])), size=SIZE):
+        assert np.array_equal(view.up, [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (0.3, 0.0, 0.0), (0.0, 0.0, 3.0)])

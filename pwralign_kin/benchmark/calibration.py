@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pwralign_kin.benchmark.evidence import JointDoubt
-from pwralign_kin.benchmark.pictures import as_png
+from pwralign_kin.benchmark.pictures import COLOURS, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
 from pwralign_kin.estimation import confidence
@@ -167,25 +167,46 @@ def _evidence(outcome: Outcome) -> Evidence:
 
 def reliability_diagram(groups: Groups) -> bytes:
     """Return a PNG: share of right answers against confidence, and how many answers have which confidence."""
-    from matplotlib.figure import Figure
-
-    picture = Figure(figsize=(5.2, 5.6), dpi=110, layout="constrained")
+    picture = new_figure(5.2, 5.6)
     upper, lower = picture.subplots(2, 1, height_ratios=(3, 1), sharex=True)
-    upper.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="perfectly calibrated")
-    for marker, (name, outcomes) in zip("osD^v", groups.items(), strict=False):
-        filled = [(mean, right) for mean, right in reliability(outcomes) if right]
-        low, middle, high = zip(*(_wilson(right) for _, right in filled), strict=True)
+    upper.plot([0, 1], [0, 1], color="0.75", linewidth=1, label="perfectly calibrated")
+    for colour, marker, (name, outcomes) in zip(COLOURS, "osD^v", groups.items(), strict=False):
+        points = filled(reliability(outcomes))
+        means, sizes = [mean for mean, _ in points], [20 + 6 * np.sqrt(len(right)) for _, right in points]
+        low, middle, high = zip(*(_wilson(right) for _, right in points), strict=True)
         spread = np.abs(np.array([low, high]) - middle)
-        upper.errorbar([mean for mean, _ in filled], middle, yerr=spread, marker=marker, capsize=2, label=name)
-    edges, names = np.array(BINS), list(groups)
-    lower.hist([[own.confidence for own in groups[name]] for name in names], bins=edges.tolist(), label=names)
-    upper.set(ylabel="share of right overlays", ylim=(-0.03, 1.03), title="Reliability of the confidence")
-    lower.set(xlabel="confidence", ylabel="answers", xlim=(0, 1), yscale="log")
+        upper.errorbar(means, middle, yerr=spread, color=colour, linestyle="none", capsize=2, linewidth=1)
+        upper.scatter(means, middle, sizes, color=colour, marker=marker, alpha=0.85, linewidths=0, label=name)
+    names = list(groups)
+    confidences = [[own.confidence for own in groups[name]] for name in names]
+    lower.hist(confidences, bins=list(BINS), label=names, color=COLOURS[: len(names)])
+    upper.set(ylabel="share of right overlays", ylim=(-0.03, 1.05), title="Reliability of the confidence")
+    lower.set(xlabel="confidence", ylabel="answers", xlim=(0, 1.02), yscale="log")
     lower.set_ylim(bottom=0.5)
-    upper.legend(loc="lower right")
+    upper.legend(loc="upper left", frameon=False)
     for axes in (upper, lower):
-        axes.grid(alpha=0.3)
+        tidy(axes)
     return as_png(picture)
+
+
+def filled(bins: Sequence[tuple[float, list[bool]]], least: int = 10) -> list[tuple[float, list[bool]]]:
+    """Return the bins of `reliability`, neighbours taken together until each holds `least` answers or all there are."""
+    kept: list[tuple[float, list[bool]]] = []
+    for mean, right in bins:
+        if not right:
+            continue
+        if kept and len(kept[-1][1]) < least:
+            mean, right = _together(kept.pop(), (mean, right))
+        kept.append((mean, right))
+    if len(kept) > 1 and len(kept[-1][1]) < least:
+        last = kept.pop()
+        kept.append(_together(kept.pop(), last))
+    return kept
+
+
+def _together(one: tuple[float, list[bool]], two: tuple[float, list[bool]]) -> tuple[float, list[bool]]:
+    counts = [len(right) for _, right in (one, two)]
+    return float(np.average([one[0], two[0]], weights=counts)), [*one[1], *two[1]]
 
 
 def _wilson(right: Sequence[bool], z: float = 1.0) -> Array:

@@ -6,13 +6,14 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import openings, rigid_fit
 from pwralign_kin.benchmark.metrics import FOUND
 from pwralign_kin.benchmark.peers import CONTENDERS, OURS, Placement, Task
-from pwralign_kin.benchmark.pictures import as_png
+from pwralign_kin.benchmark.pictures import COLOURS, PALE, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Cases, Progress
 from pwralign_kin.benchmark.table import NONE, figure, median, quantile, share
 from pwralign_kin.exceptions import DependencyError
@@ -187,32 +188,64 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
 
 def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
     """Return PNGs by file name: parts right against time, a panel a tier."""
-    from matplotlib import colormaps
-    from matplotlib.figure import Figure
-
     tiers = list(by_tier(measured))
-    picture = Figure(figsize=(3.6 * len(tiers) + 2.6, 3.6), dpi=100, layout="constrained")
+    picture = new_figure(6.4 * len(tiers), 4.2)
     panels = picture.subplots(1, len(tiers), sharey=True, squeeze=False)[0]
     methods = _methods(measured)
     for axes, (tier, own) in zip(panels, tiers, strict=True):
-        for index, name in enumerate(methods):
+        places = {}
+        for name in methods:
             runs = [one for one in own if one.method == name]
             seconds = [one.seconds for one in runs if not one.fault]
             if not seconds:
                 continue
             low, middle, high = (quantile(seconds, part) for part in (0.25, 0.5, 0.75))
-            right = 100 * float(np.mean([one.right for one in runs]))
+            places[name] = (middle, 100 * float(np.mean([one.right for one in runs])))
+            colour, marker = _mark(name)
             axes.errorbar(
-                [middle], [right], xerr=[[middle - low], [high - middle]], marker="osD^vP*X<>hpd"[index % 13],
-                color=colormaps["tab20"](index), markersize=7, capsize=2, linestyle="none",
-                label=CONTENDERS[name].title,
+                *places[name], xerr=[[middle - low], [high - middle]], marker=marker, color=colour,
+                markersize=10 if name == OURS else 6, elinewidth=1, capsize=2, linestyle="none",
+                zorder=3 if _is_ours(name) else 2,
             )  # fmt: skip
-        axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 104))
-        axes.grid(alpha=0.3)
+        axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 108))
+        tidy(axes)
+        _label(axes, places)
     panels[0].set_ylabel("parts right, %")
-    shown = {label: mark for axes in panels for mark, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    picture.legend(list(shown.values()), list(shown), loc="outside right upper", frameon=False, fontsize=8)
     return {"peers.png": as_png(picture)}
+
+
+def _is_ours(name: str) -> bool:
+    return CONTENDERS[name].title.startswith("pwralign")
+
+
+def _mark(name: str) -> tuple[str, str]:
+    """Return colour and marker: ours, rigid methods, those that bend the parts, and the rest."""
+    if _is_ours(name):
+        return COLOURS[0], "o"
+    if "rigid)" in CONTENDERS[name].title or name == "cpd-rigid":
+        return PALE, "s"
+    return (COLOURS[1], "^") if CONTENDERS[name].bends else (COLOURS[2], "D")
+
+
+def _label(axes: Any, places: Mapping[str, tuple[float, float]]) -> None:
+    """Write the names of the methods right of the panel, a line from each to its place (time, share)."""
+    order = sorted(places, key=lambda name: (places[name][1], -places[name][0]))
+    least = 5.4  # percent that a line of text is high
+    heights: list[float] = []
+    for name in order:
+        heights.append(max(places[name][1], heights[-1] + least if heights else 0.0))
+    top = 106.0
+    for index in reversed(range(len(heights))):  # those that do not fit push down what is below
+        heights[index] = min(heights[index], top - least * (len(heights) - 1 - index))
+    for name, height in zip(order, heights, strict=True):
+        axes.annotate(
+            CONTENDERS[name].title, places[name], (1.03, height), textcoords=axes.get_yaxis_transform(),
+            va="center", fontsize=7.5, color=_mark(name)[0], fontweight="bold" if name == OURS else "normal",
+            arrowprops={
+                "arrowstyle": "-", "color": "0.8", "linewidth": 0.6, "shrinkA": 2, "shrinkB": 4, "relpos": (0, 0.5)
+            },
+            annotation_clip=False, zorder=1,
+        )  # fmt: skip
 
 
 def _methods(measured: Sequence[Measurement]) -> list[str]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from pwralign_kin.benchmark.chains import chain, mesh_files
-from pwralign_kin.benchmark.pictures import as_png
+from pwralign_kin.benchmark.pictures import COLOURS, PALE, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import figure, markdown, median
 from pwralign_kin.dependencies import open3d
@@ -136,25 +136,24 @@ def _large_scan(costs: Sequence[Cost]) -> Iterator[str]:
 
 def pictures(measured: Mapping[str, Sequence[Cost]]) -> dict[str, bytes]:
     """Return a PNG for everything that grows: times, and peak memory beside."""
-    from matplotlib.figure import Figure
-
     drawn = {}
     for name, costs in measured.items():
         grown = SIZES[name]
-        picture = Figure(figsize=(8.4, 3.4), dpi=100, layout="constrained")
+        picture = new_figure(8.4, 4.0)
         left, right = picture.subplots(1, 2)
         sizes = [own.size for own in costs]
-        for stage, style in zip(costs[0].seconds, ("o-", "s--", "^:", "D-.", "v-"), strict=False):
+        for stage, style, colour in zip(costs[0].seconds, ("o-", "s--", "^:", "D-.", "v-"), COLOURS, strict=False):
             label = f"{stage}, slope {slope(costs, stage):.2f}"
-            left.plot(sizes, [own.seconds[stage] for own in costs], style, markersize=4, label=label)
-        right.plot(sizes, [own.peak for own in costs], "o-", markersize=4, label="peak")
-        right.plot(sizes, [own.idle for own in costs], "s--", markersize=4, label="before")
+            left.plot(sizes, [own.seconds[stage] for own in costs], style, color=colour, markersize=4, label=label)
+        right.plot(sizes, [own.peak for own in costs], "o-", color=COLOURS[0], markersize=4, label="peak")
+        right.plot(sizes, [own.idle for own in costs], "s--", color=PALE, markersize=4, label="before")
         left.set(xlabel=grown.title, ylabel="time, s", xscale="log", yscale="log")
         right.set(xlabel=grown.title, ylabel="memory, MB", xscale="log")
         right.set_ylim(bottom=0)
         for axes in (left, right):
-            axes.grid(alpha=0.3)
-            axes.legend(fontsize=8)
+            tidy(axes)
+            # Below the panel, where it hides no curve.
+            axes.legend(fontsize=8, frameon=False, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.17))
         drawn[f"cost_{name}.png"] = as_png(picture)
     return drawn
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pwralign_kin.baselines.part_wise_rigid import part_wise_rigid
 from pwralign_kin.benchmark.metrics import FOUND, Reference, Ruler
-from pwralign_kin.benchmark.pictures import as_png
+from pwralign_kin.benchmark.pictures import COLOURS, PALE, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Models, Progress
 from pwralign_kin.benchmark.table import figure, markdown, median, share
 from pwralign_kin.estimation import EstimatorOptions, estimate
@@ -205,18 +205,17 @@ def _placed(
 
 
 def _picture(name: str, points: Sequence[Point]) -> bytes:
-    from matplotlib.figure import Figure
-
     curve, models = CURVES[name], list(dict.fromkeys(point.model for point in points))
-    picture = Figure(figsize=(max(2.5 * len(models), 6.5), 2.9), dpi=100, layout="constrained")
+    picture = new_figure(max(2.5 * len(models), 6.5), 2.9)
     panels = picture.subplots(1, len(models), sharey=True, squeeze=False)[0]
     for axes, model in zip(panels, models, strict=True):
-        for method, style in zip(METHODS, ("o-", "s--", "^:"), strict=True):
+        for method, style, colour in zip(METHODS, ("o-", "s--", "^:"), (*COLOURS[:2], PALE), strict=True):
             own = [point for point in points if (point.model, point.method) == (model, method)]
             means = [_mean(p.parts for p in own if p.level == level) for level in curve.levels]
-            axes.plot(np.array(curve.levels) * curve.scale, 100 * np.array(means), style, markersize=4, label=method)
+            levels, shares = np.array(curve.levels) * curve.scale, 100 * np.array(means)
+            axes.plot(levels, shares, style, color=colour, markersize=4, label=method)
         axes.set(title=model, xlabel=f"{curve.title}\n{curve.unit}".strip(), ylim=(-3, 103), yticks=range(0, 101, 25))
-        axes.grid(alpha=0.3)
+        tidy(axes)
         if curve.logarithmic:
             axes.set_xscale("log")
             axes.set_xticks(curve.levels, [f"{level:g}" for level in curve.levels], minor=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -98,6 +99,7 @@ def estimate(
     guess = _guess(initial, None if base_std is not None else base, values)
     if out is not None:
         arguments.check_folder(out)
+    begun = time.perf_counter()
     with messages.progress() as show:
         from pwralign_kin import files
         from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions, SearchOptions
@@ -128,12 +130,14 @@ def estimate(
             **hints,
         )
         result: Estimate | SharedBaseEstimate
+        read_all = time.perf_counter()
         if more:
             shared = estimated(model, scans, initial=guess, options=options, progress=show)
             results, result = shared.estimates, shared
         else:
             single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
             results, result = (single,), single
+    found = time.perf_counter()
     if not json:
         print(result, flush=True)
     with messages.progress() as show:
@@ -148,6 +152,7 @@ def estimate(
         print(_as_json(result))
     else:
         print("".join(f"wrote {path}\n" for path in written), end="")
+        print(_times(begun, read_all, found, time.perf_counter() if written else None))
     return messages.outcome(result.confidence, "result")
 
 
@@ -170,6 +175,13 @@ def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float])
         return None
     given = State.load(initial)
     return State(given.T_scan_base, {**given.joints, **values}, given.base_link)
+
+
+def _times(begun: float, read: float, found: float, written: float | None) -> str:
+    """Return where the time of the user went, from the moments (s) at which the stages ended."""
+    stages = [f"read in {read - begun:.2f} s", f"found in {found - read:.2f} s"]
+    stages += [] if written is None else [f"files in {written - found:.2f} s"]
+    return ", ".join(stages)
 
 
 def _as_json(result: Estimate | SharedBaseEstimate) -> str:

@@ -35,7 +35,6 @@ from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
 
-
 PATCHED = 0.5
 """Soundness from which an answer is not looked at again for what it leaves unexplained."""
 

@@ -58,6 +58,6 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
         mesh.write_model_ply(new / "model.ply", model, state)
         deviation.write_deviation_ply(new / "deviation.ply", scan.points, distances, labels, posed)
         deviation.write_deviation_table(new / "deviation.csv", distances, labels, posed.parts)
-        overlay.write_overlay(new / "overlay.png", model.name, estimate, posed, scan, upward)
+        overlay.write_overlay(new / "overlay.png", model, estimate, posed, scan, upward)
         names = sorted(path.name for path in new.iterdir())
     return [folder / name for name in names]

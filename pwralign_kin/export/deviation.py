@@ -24,12 +24,14 @@ INSIDE, ON, OUTSIDE = np.array([[33, 102, 220], [222, 222, 218], [205, 32, 31]],
 
 NOT_OF_THE_MODEL = np.array([90, 90, 90], dtype=np.float64)
 
-_DIRECTIONS = 64
+_FEW_RAYS, _MANY_RAYS = 16, 64  # rays from a place, and where they do not tell its sides apart
+_CLEAR = 0.25  # a place is told by few rays where this share leaves on one side and none on the other
 _STEP = 1e-4  # of the diagonal: how far off the surface its two sides are looked at
 _SEEN = 0.05  # a place is seen from outside where more of its half sphere is free
 _EVEN = 0.1  # difference in openness up to which neither side counts as the outer one
 _SPACING = 0.01  # of the diagonal: large faces are looked at in as many places
-_MOST_PLACES = 2000  # per face
+_MOST_PLACES = 2000  # per face, of which the others are looked at ...
+_SOME = 20  # ... where none of so many is seen
 _REACH = 0.01  # of the diagonal: how far around a hidden place other hidden faces are looked for
 _ROUNDS = 6
 _CHUNK = 20_000
@@ -137,6 +139,7 @@ class _Surroundings:
         self._places = corners[owner, 0] + np.einsum("ne,nei->ni", weights, edges)
         self._normals = normals
         self._owner = owner
+        self._rank = number
         self._looked_at = np.zeros(len(mesh.faces), dtype=bool)
         self.hidden = np.zeros(len(mesh.faces), dtype=bool)
 
@@ -151,12 +154,30 @@ class _Surroundings:
         asked[self._owner[np.isfinite(near)]] = True
         asked[faces] = True
         asked &= ~self._looked_at
-        rows = np.flatnonzero(asked[self._owner])
-        owner = self._owner[rows]
-        seen = np.maximum(*_open_sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
         self.hidden |= asked
-        self.hidden[owner[seen]] = False
         self._looked_at |= asked
+        for first, last in ((0, 1), (1, _SOME), (_SOME, _MOST_PLACES)):  # most faces are told by one place
+            within = (self._rank >= first) & (self._rank < last)
+            rows = np.flatnonzero(within & (asked & self.hidden)[self._owner])
+            if first >= _SOME:
+                rows = self._with_a_free_ray(rows)
+            owner = self._owner[rows]
+            seen = np.maximum(*_open_sides(self._mesh, self._places[rows], self._normals[owner])) >= _SEEN
+            self.hidden[owner[seen]] = False
+
+    def _with_a_free_ray(self, rows: Indices) -> Indices:
+        """Return those of many places from which any ray leaves, each tried with a quarter of the directions.
+
+        A face that can be seen is seen from several neighbouring places, which have different quarters.
+        """
+        free = np.zeros(len(rows), dtype=bool)
+        quarter = self._rank[rows] % 4
+        for which in range(4):
+            own = rows[quarter == which]
+            directions = _sphere(_MANY_RAYS)[which::4]
+            shares = _free_shares(self._mesh, self._places[own], self._normals[self._owner[own]], directions)
+            free[quarter == which] = np.maximum(*shares) > 0.0
+        return rows[free]
 
 
 def _towards(local: Array, closest: Array, normals: Array) -> Array:
@@ -172,7 +193,14 @@ def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, 
     The first (n,) is of the half sphere around `towards` (n, 3), the second of the other; places are given
     relative to the centre of the mesh.
     """
-    directions = _sphere(_DIRECTIONS)
+    front, back = _free_shares(mesh, places, towards, _sphere(_FEW_RAYS))
+    unclear = np.flatnonzero((np.maximum(front, back) < _CLEAR) | (np.minimum(front, back) > 0.0))
+    front[unclear], back[unclear] = _free_shares(mesh, places[unclear], towards[unclear], _sphere(_MANY_RAYS))
+    return front, back
+
+
+def _free_shares(mesh: PosedMesh, places: Array, towards: Array, directions: Array) -> tuple[Array, Array]:
+    """Return what `_open_sides` does, told by rays in `directions` (d, 3)."""
     front, back = np.empty(len(places)), np.empty(len(places))
     for start in range(0, len(places), _CHUNK):
         rows = slice(start, start + _CHUNK)

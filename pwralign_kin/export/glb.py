@@ -15,7 +15,7 @@ from pwralign_kin import files, se3
 from pwralign_kin.export.axes import up_vector
 from pwralign_kin.export.source import end_link
 from pwralign_kin.model import ArticulatedModel, Visual
-from pwralign_kin.render import corner_normals, to_linear
+from pwralign_kin.render import corner_normals, distinct_rows, to_linear
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
@@ -153,7 +153,7 @@ class _Document:
         placed = se3.transform(visual.T_link_visual, visual.vertices)
         corners = np.concatenate([placed[visual.faces], corner_normals(placed, visual.faces)], axis=2)
         rows = np.ascontiguousarray(corners.reshape(-1, 6).astype("<f4") + np.float32(0.0))
-        _, first, index = np.unique(rows.view("V24").reshape(-1), return_index=True, return_inverse=True)
+        first, index = distinct_rows(rows.view(np.uint64))  # two numbers at a time
         vertices = rows[first]
         rgba = tuple(np.clip(visual.rgba, 0.0, 1.0).tolist())
         return {
@@ -161,7 +161,7 @@ class _Document:
                 "POSITION": self._vectors(vertices[:, :3], bounds=True),
                 "NORMAL": self._vectors(vertices[:, 3:]),
             },
-            "indices": self._indices(index.reshape(-1)),
+            "indices": self._indices(index),
             "material": self.materials.setdefault(rgba, len(self.materials)),
         }
 

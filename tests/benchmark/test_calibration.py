@@ -16,6 +16,7 @@ from pwralign_kin.benchmark.calibration import (
     coefficients_table,
     confidence_table,
     doubt_table,
+    filled,
     reliability,
     reliability_diagram,
     reliability_table,
@@ -116,3 +117,12 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
     assert len(rows) == len(confidence.PRESENT) + len(confidence.RIGHT)
     for name, fitted, used in rows[len(confidence.PRESENT) :]:
         assert float(fitted) == pytest.approx(float(used), rel=0.35, abs=0.1), name
+
+
+def test_bins_of_few_answers_are_drawn_together() -> None:
+    bins = [(0.1, [True] * 3), (0.2, [False] * 9), (float("nan"), []), (0.5, [True] * 10), (0.9, [True, False])]
+    drawn = filled(bins)
+    assert [len(right) for _, right in drawn] == [12, 12]
+    assert [mean for mean, _ in drawn] == pytest.approx([(3 * 0.1 + 9 * 0.2) / 12, (10 * 0.5 + 2 * 0.9) / 12])
+    assert sum(drawn[0][1]) == 3
+    assert filled([(0.4, [True])]) == [(0.4, [True])]

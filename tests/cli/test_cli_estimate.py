@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,6 +64,9 @@ def test_writes_the_result_into_a_folder(arm: Path, scan: Path, tmp_path: Path, 
     assert {"state.json", "aligned.urdf", "model.glb", "overlay.png"} <= {path.name for path in written}
     assert all(path.stat().st_size > 0 for path in written)
     assert sorted(path.name for path in written) == sorted(path.name for path in written[0].parent.iterdir())
+    assert re.fullmatch(
+        r"read in \d+\.\d\d s, found in \d+\.\d\d s, files in \d+\.\d\d s", outcome.out.splitlines()[-1]
+    )
 
 
 def test_a_result_serves_as_the_guess_of_the_next_estimate(

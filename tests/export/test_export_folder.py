@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from pwralign_kin.exceptions import ExportError, UnknownNameError
 from pwralign_kin.export import export, overlay
 from pwralign_kin.export.folder import atomic_folder
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan
 from pwralign_kin.state import State
 
@@ -106,6 +109,54 @@ def test_overlay_is_a_picture_with_colour(folder: Path) -> None:
     assert picture.shape[1] == overlay.WIDTH
     assert np.ptp(picture, axis=2).max() > 60
     assert (picture == 255).all(axis=2).mean() > 0.3
+
+
+@pytest.fixture
+def written(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The texts that are written into a picture, which is small."""
+    texts: list[str] = []
+    write = overlay._write
+
+    def note(pen: Any, place: tuple[int, int], text: str, size: int, ink: tuple[int, int, int]) -> None:
+        texts.append(text)
+        write(pen, place, text, size, ink)
+
+    monkeypatch.setattr(overlay, "_write", note)
+    monkeypatch.setattr(overlay, "WIDTH", 640)
+    return texts
+
+
+def test_the_legend_names_what_there_is_and_doubts(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, written: list[str]
+) -> None:
+    found, scan, labels = case
+    near = Scan(scan.points[labels[scan.source_index] >= 0])
+    mesh = posed_mesh(bot, found.state)
+    up = np.array([0.0, 0.0, 1.0])
+    overlay.write_overlay(tmp_path / "a.png", bot, replace(found, undetermined=("wrist",)), mesh, near, up)
+    assert "scan point on the model" in written
+    assert "scan point off it" not in written
+    moved = {part.name for part in bot.parts if part.joint is not None and part.joint.name == "wrist"}
+    doubted = {text.partition(" (")[0] for text in written if "joint undetermined" in text}
+    assert doubted == moved
+
+
+def test_an_inset_shows_the_whole_scan_of_a_scene(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, written: list[str]
+) -> None:
+    found, scan, _ = case
+    mesh = posed_mesh(bot, found.state)
+    up = np.array([0.0, 0.0, 1.0])
+    rng = np.random.default_rng(0)
+    room = Scan(np.concatenate([scan.points, mesh.centre + 5.0 * mesh.diagonal * rng.uniform(-1.0, 1.0, (4000, 3))]))
+    boxed = []
+    for share, points in ((0.9, scan), (0.1, room)):
+        path = tmp_path / f"{share}.png"
+        overlay.write_overlay(path, bot, replace(found, scan_coverage=share), mesh, points, up)
+        picture = np.asarray(Image.open(path).convert("RGB"))
+        boxed.append(bool((picture == overlay._BOX).all(axis=2).any()))
+    assert boxed == [False, True]
+    assert written.count("the whole scan") == 1
 
 
 def test_other_files_stay_and_old_ones_are_replaced(
