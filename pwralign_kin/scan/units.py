@@ -51,7 +51,7 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
     if units == "auto":
         logger.warning("%s: %s; taken as %s", scan.source, fault, PLURALS[likely])
         return scan.scaled(METRES[likely])
-    way_out = f"if it is in {PLURALS[likely]}, use --units {likely} (units={likely!r})"
+    way_out = f"if it is in {PLURALS[likely]}, use --units {likely} (units={likely!r}), else crop it (--crop)"
     raise UnitError(scan.source, f"{fault}; {way_out}", METRES[likely])
 
 
