@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -34,6 +35,8 @@ from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
+
+logger = logging.getLogger(__name__)
 
 PATCHED = 0.5
 """Soundness from which an answer is not looked at again for what it leaves unexplained."""
@@ -195,6 +198,12 @@ class Estimator:
         ):
             near = without_far_points(scan, model.reach)
             return observe(near, model.diagonal, options.observation, self.threads)
+        if scan.sensor_origin is None:
+            logger.info(
+                "%s: searched as a scene; its sensor origin (0 0 0 in a camera's own frame) would tell hidden from "
+                "free space",
+                scan.source,
+            )
         box = self._searched_box(initial)
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads, surroundings

@@ -9,7 +9,6 @@ from robot_models.urdf import Joint, Link, Robot
 
 WIDTH, DEPTH, DECK = 0.326, 0.222, 0.0170
 HINGE = (-0.1035, 0.0215)
-KEY_PITCH = 0.0190
 
 
 def build() -> Robot:
