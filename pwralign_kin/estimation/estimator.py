@@ -192,18 +192,16 @@ class Estimator:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
         self._check_hints(scan)
-        known = options.region is not None or surroundings is not None
-        if not known and not is_scene(
-            scan, model.diagonal, model.reach, options.scene, options.observation, self.threads
-        ):
-            near = without_far_points(scan, model.reach)
-            return observe(near, model.diagonal, options.observation, self.threads)
-        if scan.sensor_origin is None:
-            logger.info(
-                "%s: searched as a scene; its sensor origin (0 0 0 in a camera's own frame) would tell hidden from "
-                "free space",
-                scan.source,
-            )
+        if options.region is None and surroundings is None:
+            if not is_scene(scan, model.diagonal, model.reach, options.scene, options.observation, self.threads):
+                near = without_far_points(scan, model.reach)
+                return observe(near, model.diagonal, options.observation, self.threads)
+            if scan.sensor_origin is None:
+                logger.info(
+                    "%s: searched as a scene; its sensor origin (0 0 0 in a camera's own frame) would tell hidden from "
+                    "free space",
+                    scan.source,
+                )
         box = self._searched_box(initial)
         return observe_scene(
             scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads, surroundings
