@@ -270,9 +270,6 @@ class AnswerSearch:
             if after < before + READING_GAIN:
                 break
             solutions = read
-            # What has been read is read to the end: only what repair has changed since may be read anew.
-            if read.scores[0] <= best.scores[0] + self.repairing.gain:
-                break
         return solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
