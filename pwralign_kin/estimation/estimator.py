@@ -38,8 +38,8 @@ from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
-PATCHED = 0.5
-"""Soundness from which an answer is not looked at again for what it leaves unexplained."""
+PATCHED, STRANGE = 0.5, 0.05
+"""Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,8 @@ class Estimator:
 
         The patch draws parts of the model to it, and passes for a sign that something else was scanned.
         """
-        observation = fit.solver.search.observation
-        if observation.scene or soundness(estimate.evidence) >= PATCHED:
+        observation, evidence = fit.solver.search.observation, estimate.evidence
+        if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
             return estimate
         near = without_far_points(fit.scan, self.model.reach)
         left = estimate.scan_labels[near.source_index] < 0
