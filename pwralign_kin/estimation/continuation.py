@@ -80,11 +80,7 @@ def _on_model(search: TreeSearch, placements: Array) -> tuple[Float, NDArray[np.
         observation.points, placements, search.exists.astype(np.uint8), search.options.near
     )
     on = np.flatnonzero(distance <= search.reach)
-    facing = np.zeros(len(on))
-    for index, surface in enumerate(search.surfaces):
-        own = part[on] == index
-        normals = surface.dense_normals[sample[on][own]] @ placements[index, :3, :3].T
-        facing[own] = np.einsum("ij,ij->i", normals, observation.normals[on][own])
+    facing = search.facing(placements, observation.normals[on], part[on], sample[on])
     # Without a sensor, which side of a surface is outside is a guess.
     return distance, on[(facing if observation.single_view else np.abs(facing)) >= ALIKE]
 

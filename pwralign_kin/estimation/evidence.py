@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.continuation import continued
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
-from pwralign_kin.se3 import Array
 
 LEAST_POINTS = 8
 """Scan points that a part must explain to count as seen, ..."""
@@ -97,7 +96,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     weights = search.weights * search.exists
     lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
     on_model = areas[explained].sum() / areas.sum()
-    alike = explained & _alike(search, placements, part, sample)
+    alike = explained & (np.abs(search.facing(placements, observation.normals, part, sample)) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
     well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
@@ -128,20 +127,6 @@ def on_surface(evidence: Evidence) -> float:
 def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
     """Return the chance in [0, 1] that `coefficients` of 1 and of `values` make."""
     return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
-
-
-def _alike(
-    search: TreeSearch, placements: Array, part: NDArray[np.int32], sample: NDArray[np.int32]
-) -> NDArray[np.bool_]:
-    """Return which scan points are oriented like the nearest sample of the part that is nearest to them."""
-    alike = np.zeros(len(part), bool)
-    for index, surface in enumerate(search.surfaces):
-        own = part == index
-        if not own.any():
-            continue
-        normals = surface.dense_normals[sample[own]] @ placements[index, :3, :3].T
-        alike[own] = np.abs(np.einsum("ij,ij->i", normals, search.observation.normals[own])) >= ALIKE
-    return alike
 
 
 def _uneven(search: TreeSearch, final: Candidates) -> float:

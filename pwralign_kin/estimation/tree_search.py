@@ -427,6 +427,19 @@ class TreeSearch:
         """Return per scan point its distance (at most `BAND`) from one candidate's nearest of `parts`, and which."""
         return self._assigned(candidate, self.observation.points, parts)
 
+    def facing(self, placements: Array, normals: Float, part: Ints, sample: Ints) -> Array:
+        """Return the cosines between `normals` (n, 3) of points and those of the model's samples nearest to them.
+
+        `part` and `sample` (n,) tell the nearest ones of the parts placed at `placements` (parts, 4, 4); 0 where there
+        is none.
+        """
+        cosines = np.zeros(len(part))
+        for index in np.unique(part[part >= 0]):
+            own = part == index
+            turned = self.surfaces[index].dense_normals[sample[own]] @ placements[index, :3, :3].T
+            cosines[own] = np.einsum("ij,ij->i", turned, normals[own])
+        return cosines
+
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
         area = self.observation.areas if self.observation.scene else self.observation.area_per_point
