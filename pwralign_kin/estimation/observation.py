@@ -167,7 +167,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        options.depth_pixel, options.depth_tolerance, options.shadow, threads,
+        options.depth_pixel, options.depth_tolerance, options.shadow, 1.0, threads,
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(

@@ -79,6 +79,9 @@ class SceneOptions:
     other_weight: float = 0.5
     """... and one of what else is not searched."""
     most_noise: float = 0.012
+    unreturned: float = 0.3
+    """How far space counts as seen to be free where no ray of a sensor came back: dark, shiny and slanted surface sends
+    none back, and out of the image there are none."""
 
 
 def is_scene(
@@ -222,7 +225,7 @@ def _observed(
         kept_points, normals, weight, area, region, field_cell, preparing.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        pixel, preparing.depth_tolerance, preparing.shadow, threads,
+        pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
     )  # fmt: skip
     of_model = np.zeros(len(points), bool)
     of_model[kept[~planes]] = True

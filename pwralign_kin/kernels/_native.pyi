@@ -101,6 +101,7 @@ class ScanField:
         pixel: float,
         tolerance: float,
         shadow: float,
+        unreturned: float,
         threads: int,
     ) -> None: ...
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]: ...

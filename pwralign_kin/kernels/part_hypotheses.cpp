@@ -15,7 +15,7 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
     FloatLanes sum{};
     for (int i = first; i < last; i += lane_count) {
         const SampleLanes at(field, s, T, i, last);
-        const FloatLanes penalty = at.occluded ? all_lanes(options.occluded_penalty) : all_lanes(options.free_penalty);
+        const FloatLanes penalty = at.free * options.free_penalty + (1 - at.free) * options.occluded_penalty;
         if (!any_lane(at.found)) {
             sum += at.w * -penalty;
             continue;

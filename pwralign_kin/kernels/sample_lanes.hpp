@@ -9,7 +9,7 @@ struct SampleLanes {
     FloatLanes w;        // weights, 0 beyond the last sample
     VecLanes place;      // placed samples
     IntLanes found;      // whether there is a scan point near to the sample's cell
-    IntLanes occluded;   // whether the cell is
+    FloatLanes free;     // how far the cell is known to be free, in [0, 1]
     VecLanes away;       // sample minus that point; meaningless where none was found
     FloatLanes squared;  // squared length of that, infinite where none was found
     FloatLanes facing;   // cosine between the normals, at least 0
@@ -24,8 +24,10 @@ struct SampleLanes {
         const IntLanes cell = field.cells_at(place);
         IntLanes code{};
         for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
-        found = code >= 0, occluded = -(code & 1);
-        store_lanes(found ? code >> 1 : IntLanes{}, nearest);
+        found = code >= 0;
+        const IntLanes state = code & 3;
+        free = state == ScanField::free ? all_lanes(1) : state == ScanField::silent ? all_lanes(field.unreturned) : FloatLanes{};
+        store_lanes(found ? code >> 2 : IntLanes{}, nearest);
         seen = dot(field.sensor - place, normal);
         if (!any_lane(found)) {
             away = place, squared = all_lanes(1e30f), facing = FloatLanes{};

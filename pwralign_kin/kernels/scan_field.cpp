@@ -25,8 +25,8 @@ static std::vector<int> along_curve(const std::vector<OrientedPoint> &points, Ve
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
-                     float shadow, int threads)
-    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
+                     float shadow, float unreturned, int threads)
+    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), unreturned(unreturned), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
       inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
     auto include = [&](Vec p) {
@@ -49,7 +49,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
     curve = along_curve(points, low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
     splat(truncation, threads);
-    if (has_origin) mark_occluded(depth_points, pixel, tolerance, threads);
+    if (has_origin) mark_unseen(depth_points, pixel, tolerance, threads);
 }
 
 namespace {
@@ -60,7 +60,7 @@ const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
 void ScanField::splat(float truncation, int threads) {
     if (int64_t(nx) * ny * nz >= std::numeric_limits<int>::max()) throw std::invalid_argument("the points are too far apart for cells so small");
     outside = nx * ny * nz;
-    constexpr int nothing = -2;
+    constexpr int nothing = -4;
     cells.assign(size_t(outside) + 1, nothing);
     const int reach = int(truncation * inverse) + 1;
     std::vector<std::vector<int>> of_layer(nx);
@@ -86,7 +86,7 @@ void ScanField::splat(float truncation, int threads) {
                     const int64_t at = int64_t(j) * nz + k;
                     const FloatLanes dz = origin.z + (centres + float(k)) * cell - p.z, d = dx * dx + dy * dy + dz * dz;
                     const FloatLanes before = load_lanes(&squared[at]);
-                    const IntLanes code = load_lanes(&codes[at]), own = IntLanes{} + 2 * s;
+                    const IntLanes code = load_lanes(&codes[at]), own = IntLanes{} + 4 * s;
                     const IntLanes nearer = first_lanes(last + 1 - k) & ((d < before) | ((d == before) & (own < code)));
                     store_lanes(nearer ? d : before, &squared[at]);
                     store_lanes(nearer ? own : code, &codes[at]);
@@ -97,7 +97,7 @@ void ScanField::splat(float truncation, int threads) {
     });
 }
 
-void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
+void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
     // A depth image from the sensor origin towards the cloud; its pixels are as wide as `pixel` at the mean range.
     double mean[3] = {0, 0, 0};
     for (const Vec &p : depth_points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
@@ -123,7 +123,8 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
     const float widest = 4096;
     half_width = std::min(half_width, widest), half_height = std::min(half_height, widest);
     const int width = int(2 * half_width) + 8, height = int(2 * half_height) + 8;
-    std::vector<float> depth(int64_t(width) * height, 1e30f);
+    constexpr float silence = 1e30f;
+    std::vector<float> depth(int64_t(width) * height, silence);
     for (const Vec &p : depth_points) {
         if (!project(p, u, v, z)) continue;
         // A point covers the pixels that its half-pixel square touches: sparse clouds still cast whole shadows.
@@ -146,15 +147,14 @@ void ScanField::mark_occluded(const std::vector<Vec> &depth_points, float pixel,
                                  y = scale * (dot(start, down) + along * down.z) + height * .5f;
                 const IntLanes inside = first_lanes(nz - k) & (range > 1e-6f) & (x >= 0) & (y >= 0) &
                                         (x < float(width)) & (y < float(height));
-                if (!any_lane(inside)) continue;
                 const IntLanes pixels = __builtin_convertvector(y, IntLanes) * width + __builtin_convertvector(x, IntLanes);
                 int pixel[lane_count];
                 store_lanes(inside ? pixels : IntLanes{}, pixel);
                 FloatLanes surface{};
                 for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
-                const IntLanes behind = inside & (range > surface + tolerance);
-                if (!any_lane(behind)) continue;
-                for (int l = 0; l < std::min(lane_count, nz - k); ++l) row[k + l] |= behind[l] & 1;
+                const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
+                const IntLanes state = answered ? (behind ? IntLanes{} + occluded : IntLanes{} + free) : IntLanes{} + silent;
+                for (int l = 0; l < std::min(lane_count, nz - k); ++l) row[k + l] |= state[l];
             }
         }
     });

@@ -12,11 +12,13 @@ class ScanField {
   public:
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,
     // `depth_points` (the full-resolution cloud) decide which cells are occluded: those behind a return by more than
-    // `tolerance`, out to `shadow` behind the surface.
+    // `tolerance`, out to `shadow` behind the surface. Cells before and behind nothing, where no ray came back, are
+    // known to be free only to the extent of `unreturned`, in [0, 1].
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
-              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, int threads);
+              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, float unreturned,
+              int threads);
 
     // The cell of a position; outside of the grid there is one that is free and near to nothing.
     int cell_at(Vec p) const {
@@ -31,10 +33,12 @@ class ScanField {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * ny + whole(y)) * nz + whole(z) : IntLanes{} + outside;
     }
-    // Twice the nearest point of a cell, plus one where it is occluded; negative without a point.
+    // Four times the nearest point of a cell, plus its state; negative without a point.
     int code(int cell) const { return cells[cell]; }
     // Nearest point of a position's cell, -1 for none.
-    int nearest(Vec p) const { return cells[cell_at(p)] >> 1; }
+    int nearest(Vec p) const { return cells[cell_at(p)] >> 2; }
+
+    static constexpr int free = 0, silent = 1, occluded = 2; // states of cells; silent: no ray came back
 
     std::vector<OrientedPoint> points;
     OrientedRows rows;         // the points once more, for several at a time
@@ -42,12 +46,13 @@ class ScanField {
     std::vector<float> weight; // how much a point speaks for a part that lies on it
     std::vector<float> area;   // surface that a point stands for, in any unit
     std::vector<int> region;   // points of one region are searched together; -1: known surface, not searched
+    float unreturned;          // how free silent cells are
     bool has_origin;
     Vec sensor;
 
   private:
     void splat(float truncation, int threads);
-    void mark_occluded(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads);
+    void mark_unseen(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads);
 
     float cell, inverse;
     Vec origin;

@@ -90,7 +90,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
         const IntLanes shown = (at.seen > 0) & (at.seen * at.seen > .0225f * dot(view, view));
         const IntLanes tells = shown & ((dot(at.away, view) > 0) | (at.facing > .5f));
         const FloatLanes mismatch = tells ? options.mismatch_penalty * (1 - match) : FloatLanes{};
-        sum += at.w * (at.squared < limit ? mismatch : at.occluded ? FloatLanes{} : all_lanes(1));
+        sum += at.w * (at.squared < limit ? mismatch : at.free);
     }
     return -sum_of_lanes(sum) / s.cumulated[count];
 }
