@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.confidence import confidence
 from pwralign_kin.estimation.continuation import priced
 from pwralign_kin.estimation.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.evidence import gathered
@@ -293,7 +294,9 @@ class AnswerSearch:
         """Return whether the best of several answers to a scene is worth no further search."""
         evidence = gathered(self.search, solutions.take([0]), solutions)
         options = self.options.scene_search
-        return soundness(evidence) >= options.sound and evidence.continued <= options.continued
+        if evidence.continued > options.continued or confidence(evidence) < options.confident:
+            return False
+        return soundness(evidence) >= options.sound
 
     def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""

@@ -29,6 +29,8 @@ class SceneSearchOptions:
     sound: float = 0.3
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
+    confident: float = 0.2
+    """Confidence below which a further search is worth it however sound the answer."""
     further: float = 4.0
     """How many times as much is tried in every further search."""
     regions: int = 12
