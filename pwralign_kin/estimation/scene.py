@@ -63,12 +63,14 @@ class SceneOptions:
     patch_least: float = 0.05
     """... or than one that spreads this far."""
     range_bin: float = 0.25
-    spacings: tuple[float, ...] = (0.026, 0.04, 0.06)
+    spacings: tuple[float, ...] = (0.026, 0.04, 0.06, 0.09)
     """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
     enough: float = 1.5
     """How many times the visible area of the model is enough."""
     link: float = 0.03
-    """Points nearer than this belong to one region."""
+    link_spacings: float = 1.1
+    """Points nearer than this, or so many of their usual distances to the sixth neighbour, belong to one region: fewer
+    than 0.87 would leave even points of one surface apart."""
     region_area: float = 0.015
     region_points: int = 25
     """Regions with less than this share of the visible area of the model, or fewer points, are fragments."""
@@ -171,7 +173,7 @@ def observe_scene(
         planes[cell[surroundings]] = True
     low, high = ((corner - centre) / diagonal for corner in box)
     near &= ((points >= low) & (points <= high)).all(axis=1)
-    region = _regions(points, area, near & ~planes, total_area(surfaces), options)
+    region = _regions(points, spacing, near & ~planes, total_area(surfaces), options)
     if (region < 0).all():
         where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
         size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
@@ -366,7 +368,7 @@ def _wide_pieces(
 
 
 def _regions(
-    points: Float, area: Float, searched: Bools, model_area: float, options: SceneOptions
+    points: Float, spacing: Float, searched: Bools, model_area: float, options: SceneOptions
 ) -> NDArray[np.int64]:
     """Return the connected region of each point, largest first; -1 for what is not searched.
 
@@ -378,8 +380,9 @@ def _regions(
     chosen = np.flatnonzero(searched)
     if len(chosen) == 0:
         return region
-    label = kernels.components(np.ascontiguousarray(points[chosen]), options.link)
-    areas = np.bincount(label, weights=area[chosen])
+    link = max(options.link, options.link_spacings * float(np.median(spacing[chosen])))
+    label = kernels.components(np.ascontiguousarray(points[chosen]), link)
+    areas = np.bincount(label, weights=_areas(spacing[chosen]))
     large = (areas > options.region_area * ONE_SIDE * model_area) & (np.bincount(label) > options.region_points)
     rank = np.full(len(areas), -1, np.int64)
     order = np.argsort(-areas, kind="stable")
