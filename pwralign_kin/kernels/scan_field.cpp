@@ -62,6 +62,7 @@ void ScanField::splat(float truncation, int threads) {
     outside = nx * ny * nz;
     constexpr int nothing = -4;
     cells.assign(size_t(outside) + 1, nothing);
+    cells[outside] |= silent;
     const int reach = int(truncation * inverse) + 1;
     std::vector<std::vector<int>> of_layer(nx);
     for (size_t s = 0; s < points.size(); ++s) of_layer[int((points[s].p.x - origin.x) * inverse)].push_back(int(s));

@@ -20,7 +20,7 @@ class ScanField {
               const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, float unreturned,
               int threads);
 
-    // The cell of a position; outside of the grid there is one that is free and near to nothing.
+    // The cell of a position; outside of the grid there is one that is silent and near to nothing.
     int cell_at(Vec p) const {
         const float x = (p.x - origin.x) * inverse, y = (p.y - origin.y) * inverse, z = (p.z - origin.z) * inverse;
         if (!(x >= 0 && y >= 0 && z >= 0 && x < nx && y < ny && z < nz)) return outside;
