@@ -186,16 +186,17 @@ class TreeSearch:
         return self._with(replace(self.options, support_weight=self.options.tolerant_support_weight), self.searched)
 
     def about(self, candidate: Candidates, reach: float) -> TreeSearch:
-        """Return the same search of only those points of a scene that are within `reach` of one candidate.
+        """Return the same search of only those points of a scene that are within `reach` of one candidate, if any.
 
         Samples of the whole scene hold few points of thin parts.
         """
         from scipy.spatial import cKDTree
 
         tree = cKDTree(self.probe_positions(candidate, FOCUS_PROBES)[0])
-        near = np.isfinite(tree.query(self.observation.points, distance_upper_bound=reach)[0])
-        fewer = replace(self.options, scene_points=self.options.near_points)
-        return self._with(fewer, self.searched & near)
+        near = self.searched & np.isfinite(tree.query(self.observation.points, distance_upper_bound=reach)[0])
+        if not near.any():
+            return self
+        return self._with(replace(self.options, scene_points=self.options.near_points), near)
 
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
         return TreeSearch(

@@ -132,6 +132,91 @@ def test_scores_about_a_configuration_are_those_of_the_whole_scene(
     assert about.unexplained(candidates.take([0])) == pytest.approx(search.unexplained(candidates.take([0])))
 
 
+def test_a_configuration_with_nothing_near_it_is_compared_with_the_whole_scene(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search, candidates = searching(excavator, ready), true_and_moved(excavator, scene, ready)
+    astray = Candidates(candidates.bases[:1].copy(), candidates.values[:1], candidates.scores[:1])
+    astray.bases[0, :3, 3] += 50.0
+
+    about = search.about(astray, 0.35)
+
+    assert np.array_equal(about.searched, search.searched)
+    assert np.isfinite(about.scored(astray)[0].scores).all()
+
+
+def against(model: pk.ArticulatedModel, made: SimulatedScan, points: np.ndarray, unreturned: float) -> float:
+    """Return how much of the model's surface, at the truth, a view of `points` speaks against."""
+    scan, options = pk.Scan(points, sensor_origin=np.zeros(3)), SceneOptions(unreturned=unreturned)
+    ready = observe_scene(scan, model.surfaces, model.diagonal, EVERYWHERE, ObservationOptions(), options, 2)
+    search = searching(model, ready)
+    support = search.scored(true_and_moved(model, made, ready).take([0]))[1][0]
+    return -float(support @ (search.weights * search.exists))
+
+
+def test_a_hole_in_the_view_says_less_against_the_model_than_what_is_seen_behind_it(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    points, unreturned = scene.scan.points.astype(float), SceneOptions().unreturned
+    own = np.flatnonzero(scene.labels >= 0)
+    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+    hole = np.linalg.norm(rays - rays[own[len(own) // 2]], axis=1) < 0.06
+    seen_through = np.where(hole[:, None], 2.0 * points, points)
+
+    whole = against(excavator, scene, points, unreturned)
+    silent = against(excavator, scene, points[~hole], unreturned) - whole
+    through = against(excavator, scene, seen_through, unreturned) - whole
+    assert through > 0.02
+    assert 0.0 < silent < 0.6 * through
+
+
+def test_surface_out_of_the_picture_has_little_against_it(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    points = scene.scan.points.astype(float)
+    columns = points[:, 0] / points[:, 2]
+    pictured = points[columns < np.median(columns[scene.labels >= 0])]
+
+    free = against(excavator, scene, pictured, 1.0)
+    unknown = against(excavator, scene, pictured, 0.0)
+    assert free > 0.1
+    assert unknown < 0.2 * free
+
+
+def test_the_surface_of_a_model_hangs_together_where_points_are_few(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    few = np.random.default_rng(0).permutation(len(scene.scan.points))[: len(scene.scan.points) // 12]
+    scan = pk.Scan(scene.scan.points[few], sensor_origin=np.zeros(3))
+
+    def linked(options: SceneOptions) -> int:
+        ready = observe_scene(
+            scan, excavator.surfaces, excavator.diagonal, EVERYWHERE, ObservationOptions(), options, 2
+        )
+        own = ready.scaled(scan.points[scene.labels[few] >= 0])
+        near = ready.field.nearest(own)
+        return int(np.bincount(ready.regions[near[near >= 0]] + 1)[1:].max(initial=0))
+
+    assert linked(SceneOptions()) > 1.3 * linked(SceneOptions(link_spacings=0.0))
+
+
+def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searches = []
+    candidates = RegionSearch.candidates
+
+    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        searches.append(further)
+        return candidates(own, seed, outside, further=further)
+
+    monkeypatch.setattr(RegionSearch, "candidates", counted)
+    pk.estimate(excavator, scene.scan)
+    assert searches == [False]
+    monkeypatch.setattr("pwralign_kin.estimation.answer_search.confidence", lambda _: 0.0)
+    pk.estimate(excavator, scene.scan)
+    assert searches == [False, False, True]
+
+
 def test_another_search_repairs_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
     few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=2, more_leaders=2, rounds=1)
