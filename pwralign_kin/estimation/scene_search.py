@@ -26,7 +26,7 @@ class SceneSearchOptions:
     continued: float = 0.3
     """... Of its edges, this share at most has surface that goes on beyond: right answers in simulated rooms have 0.11
     at most, and 0.25 where a real sensor widens outlines."""
-    sound: float = 0.5
+    sound: float = 0.3
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
     confident: float = 0.2
@@ -47,7 +47,7 @@ class SceneSearchOptions:
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
     same_root: float = 0.015
     """Mean displacement of a part within which a further search does not grow a hypothesis again."""
-    refined: int = 240
+    refined: int = 120
     """Configurations that are refined, shared alike."""
     least_refined: int = 4
     iterations: int = 8
