@@ -81,7 +81,7 @@ class SceneOptions:
     other_weight: float = 0.5
     """... and one of what else is not searched."""
     most_noise: float = 0.012
-    unreturned: float = 0.3
+    unreturned: float = 0.5
     """How far space counts as seen to be free where no ray of a sensor came back: dark, shiny and slanted surface sends
     none back, and out of the image there are none."""
 
