@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels, se3
 from pwralign_kin.exceptions import ModelError, StateError, UnknownNameError
 from pwralign_kin.model import cache
+from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
 from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
@@ -22,7 +23,8 @@ from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
 from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
 from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
 from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
-from pwralign_kin.model.urdf import Description, GeometryKind, Joint, read_urdf
+from pwralign_kin.model.urdf import GeometryKind, read_urdf
+from pwralign_kin.model.urdf_writing import as_normalised_urdf
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
@@ -153,7 +155,7 @@ class ArticulatedModel:
         continuous = np.array([turns for _, _, turns in ranges], dtype=bool)
         indices = {joint.name: index for index, joint in enumerate(actuated)}
         parts = assemble_parts(welds, shapes.visuals, indices, continuous)
-        xml = description.to_xml()
+        xml = as_normalised_urdf(description)
         for warning in warnings:
             logger.warning("%s: %s", path, warning)
         return cls(

@@ -18,8 +18,8 @@ import numpy as np
 from pwralign_kin import se3
 from pwralign_kin.exceptions import MissingMeshError, ModelError
 from pwralign_kin.model import cache
+from pwralign_kin.model.description import Description, Shape
 from pwralign_kin.model.part_graph import IntArray, Visual
-from pwralign_kin.model.urdf import Description, Shape
 from pwralign_kin.se3 import Array
 
 MeshUnits = Literal["ignore", "apply"]

@@ -14,7 +14,8 @@ from urdf_text import BOX, LIMIT, chain, joint, link, mimic
 
 from pwralign_kin.exceptions import DependencyError, ModelError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.model.urdf import Origin, read_urdf
+from pwralign_kin.model.description import Origin
+from pwralign_kin.model.urdf import read_urdf
 
 Read = Callable[..., ArticulatedModel]
 WriteUrdf = Callable[..., Path]
