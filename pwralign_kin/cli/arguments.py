@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 
 Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
 
-ScanPath = Annotated[Path, Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ or a mesh (OBJ, STL, GLB).")]
+ScanPath = Annotated[
+    Path,
+    Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, a mesh (OBJ, STL, GLB) or a 16-bit PNG depth image."),
+]
 
 PackageDirs = Annotated[
     list[Path] | None,
@@ -75,6 +79,30 @@ Region = Annotated[
 Crop = Annotated[
     Box | None, Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=())
 ]
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """The camera of depth images."""
+
+    intrinsics: Annotated[
+        tuple[float, float, float, float] | None,
+        Parameter(help="fx fy cx cy: the camera of depth images, pixels.", negative=()),
+    ] = None
+    depth_scale: Annotated[float, Parameter(help="m per unit of depth images.", validator=Number(gt=0))] = 0.001
+    camera: Annotated[
+        Pose | None,
+        Parameter(help="x y z qx qy qz qw: the camera of depth images in the scan frame, m.", negative=()),
+    ] = None
+
+    @property
+    def placement(self) -> Array:
+        """(4, 4) T_scan_camera; raises `StateError` for a quaternion that is none."""
+        return placement((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0) if self.camera is None else self.camera)
+
+
+Camera = Annotated[CameraOptions, Parameter(name="*")]
+NO_CAMERA = CameraOptions()
 
 Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
 
@@ -168,14 +196,25 @@ def check_folder(folder: Path) -> None:
 
 
 def read_scan(
-    path: Path, sensor_origin: tuple[float, ...] | None = None, crop: tuple[float, ...] | None = None
+    path: Path,
+    camera: CameraOptions,
+    sensor_origin: tuple[float, ...] | None = None,
+    crop: tuple[float, ...] | None = None,
 ) -> Scan:
-    """Return the scan in the unit of its file, in which `sensor_origin` and the box `crop` are given too."""
-    from pwralign_kin.scan import Scan
+    """Return the scan in the unit of its file, in which `sensor_origin` and the box `crop` are given too.
+
+    A depth image, seen by `camera`, is in m and tells its sensor origin itself.
+    """
+    from pwralign_kin.scan import DepthFrame, Scan
 
     if path.suffix.lower() in (".urdf", ".xacro"):
         raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
-    scan = Scan.load(path, sensor_origin=sensor_origin, units="auto")
+    if path.suffix.lower() == ".png":
+        if sensor_origin is not None:
+            raise UsageError(f"{path} is a depth image: --camera says where it was seen from, not --sensor-origin.")
+        scan = DepthFrame.load(path, camera.intrinsics, camera.placement, camera.depth_scale).to_scan()
+    else:
+        scan = Scan.load(path, sensor_origin=sensor_origin, units="auto")
     return scan if crop is None else scan.cropped(crop[:3], crop[3:])
 
 

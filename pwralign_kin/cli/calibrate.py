@@ -37,6 +37,7 @@ def calibrate(
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scans were seen from; unit of the scans.", negative=())
     ] = None,
+    camera: arguments.Camera = arguments.NO_CAMERA,
     gravity: arguments.Gravity = None,
     near: arguments.Near = None,
     region: arguments.Region = None,
@@ -64,7 +65,7 @@ def calibrate(
         from pwralign_kin.estimation import calibrate as calibrated
 
         show("reading the scans")
-        scans = [arguments.read_scan(scan, sensor_origin, crop) for scan, _ in paths]
+        scans = [arguments.read_scan(scan, camera, sensor_origin, crop) for scan, _ in paths]
         joints = [arguments.read_joints(values) for _, values in paths]
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)

@@ -67,6 +67,7 @@ def estimate(
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
     ] = None,
+    camera: arguments.Camera = arguments.NO_CAMERA,
     near: arguments.Near = None,
     region: arguments.Region = None,
     correspondences: Annotated[
@@ -107,7 +108,7 @@ def estimate(
         from pwralign_kin.export import export
 
         show("reading the scan")
-        read = [arguments.read_scan(path, sensor_origin, crop) for path in (scan, *more)]
+        read = [arguments.read_scan(path, camera, sensor_origin, crop) for path in (scan, *more)]
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
         model = arguments.read_model(urdf, package_dir, geometry, mesh_units)

@@ -21,6 +21,7 @@ def inspect(
     scan: ScanPath | None = None,
     /,
     *,
+    camera: arguments.Camera = arguments.NO_CAMERA,
     package_dir: PackageDirs = None,
     geometry: GeometryChoice = "visual",
     mesh_units: MeshUnitsChoice = "ignore",
@@ -35,7 +36,7 @@ def inspect(
             raise
     print(_described(model))
     if scan is not None:
-        print(f"\n{_compared(arguments.read_scan(scan), model)}")
+        print(f"\n{_compared(arguments.read_scan(scan, camera), model)}")
 
 
 def _missing(error: MissingMeshError) -> str:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import (
@@ -16,7 +15,6 @@ from pwralign_kin.cli.arguments import (
     Joints,
     MeshUnitsChoice,
     PackageDirs,
-    Pose,
     Seed,
     Threads,
     Triple,
@@ -48,17 +46,7 @@ def track(
         Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
     ] = None,
     rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0,
-    intrinsics: Annotated[
-        tuple[float, float, float, float] | None,
-        Parameter(help="fx fy cx cy: the camera of the depth images, pixels.", negative=()),
-    ] = None,
-    depth_scale: Annotated[
-        float, Parameter(help="m per unit of integer depth images.", validator=Number(gt=0))
-    ] = 0.001,
-    camera: Annotated[
-        Pose | None,
-        Parameter(help="x y z qx qy qz qw: the camera of the depth images in the scan frame, m.", negative=()),
-    ] = None,
+    camera: arguments.Camera = arguments.NO_CAMERA,
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
     ] = None,
@@ -105,9 +93,9 @@ def track(
             FrameOptions(
                 rate=rate,
                 sensor_origin=sensor_origin,
-                intrinsics=intrinsics,
-                depth_scale=depth_scale,
-                T_scan_camera=np.eye(4) if camera is None else arguments.placement(camera),
+                intrinsics=camera.intrinsics,
+                depth_scale=camera.depth_scale,
+                T_scan_camera=camera.placement,
                 topic=topic,
             ),
         )

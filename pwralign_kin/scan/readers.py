@@ -45,7 +45,7 @@ def read(path: Path | str) -> FileContent:
         raise ScanError(path, "no such file")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        depth = "; a depth image becomes a scan by `pwralign track` or `Scan.from_depth`, with its camera's intrinsics"
+        depth = "; a 16-bit PNG depth image is read with its camera's intrinsics (--intrinsics, or `DepthFrame.load`)"
         is_image = path.suffix.lower() in _IMAGES
         raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}{depth if is_image else ''}")
     try:

@@ -184,11 +184,10 @@ class Scan:
             returned = np.isfinite(distance) & (distance > 0.0) & used.astype(bool)
         if not returned.any():
             raise ScanError(word, "no pixel in use has a depth")
-        distance[~returned] = np.nan
-        columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-        pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1).reshape(-1, 3)
-        rays = pixels @ np.linalg.inv(K).T
-        scan = cls(transform(T, distance.reshape(-1, 1) * rays), sensor_origin=T[:3, 3], source=source)
+        rows, columns = np.nonzero(returned)
+        rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(K).T
+        scan = cls(transform(T, distance[returned][:, None] * rays), sensor_origin=T[:3, 3], source=source)
+        scan.source_index, scan.n_input = _frozen(np.flatnonzero(returned)[scan.source_index]), raw.size
         scan.camera = DepthCamera(intrinsics=_frozen(K), width=width, height=height, T_scan_camera=_frozen(T))
         return scan
 

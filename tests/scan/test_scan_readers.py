@@ -293,7 +293,7 @@ def test_an_organised_cloud_is_taken_as_its_points(tmp_path: Path) -> None:
 
 def test_a_depth_image_is_no_scan_and_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "depth.png").write_bytes(b"")
-    with pytest.raises(ScanError, match="from_depth"):
+    with pytest.raises(ScanError, match="--intrinsics"):
         Scan.load(tmp_path / "depth.png")
 
 
