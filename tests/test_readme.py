@@ -51,12 +51,14 @@ def test_commands_run(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def _options(verb: Callable[..., object]) -> set[str]:
-    """Names of the options of a verb, those in a dataclass one by one."""
-    names = set()
-    for name, default in (verb.__kwdefaults__ or {}).items():
-        fields = dataclasses.fields(default) if dataclasses.is_dataclass(default) else ()
-        names |= {field.name for field in fields} or {name}
-    return {name.replace("_", "-") for name in names}
+    """Names of the options of a verb, those in dataclasses one by one."""
+
+    def names(name: str, default: object) -> set[str]:
+        if not dataclasses.is_dataclass(default):
+            return {name.replace("_", "-")}
+        return set().union(*(names(field.name, field.default) for field in dataclasses.fields(default)))
+
+    return set().union(*(names(*option) for option in (verb.__kwdefaults__ or {}).items()))
 
 
 def test_every_option_of_estimate_is_in_the_table(readme: str) -> None:

@@ -9,19 +9,11 @@ from cyclopts import Parameter
 
 from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import (
-    AsJson,
-    EffortChoice,
-    GeometryChoice,
-    MeshUnitsChoice,
-    PackageDirs,
-    Seed,
-    Threads,
-    Triple,
-    Units,
-    Urdf,
-)
+from pwralign_kin.cli.arguments import AsJson, EffortChoice, Seed, Threads
+from pwralign_kin.cli.base_options import Gravity, upwards
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import SCAN_OPTIONS, ScanOptions
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import SharedBaseEstimate
@@ -34,21 +26,12 @@ def calibrate(
         str, Parameter(help="SCAN=JOINTS: a scan and a JSON file of its joint values (such as a state.json).")
     ],
     out: Annotated[Path | None, Parameter(help="JSON file for the result.")] = None,
-    sensor_origin: Annotated[
-        Triple | None, Parameter(help="x y z: where the scans were seen from; unit of the scans.", negative=())
-    ] = None,
-    camera: arguments.Camera = arguments.NO_CAMERA,
-    gravity: arguments.Gravity = None,
-    near: arguments.Near = None,
-    region: arguments.Region = None,
-    crop: arguments.Crop = None,
-    units: Units = "m",
+    scan_options: ScanOptions = SCAN_OPTIONS,
+    gravity: Gravity = None,
     effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
     threads: Threads = 0,
 ) -> int:
     """Find where a robot stands in a sensor's frame, from scans with known joint values.
@@ -65,16 +48,16 @@ def calibrate(
         from pwralign_kin.estimation import calibrate as calibrated
 
         show("reading the scans")
-        scans = [arguments.read_scan(scan, camera, sensor_origin, crop) for scan, _ in paths]
+        scans = [scan_options.read(scan) for scan, _ in paths]
         joints = [arguments.read_joints(values) for _, values in paths]
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+        model = model_options.read(urdf)
         for (_, values), own in zip(paths, joints, strict=True):
             for name in model.joint_names:
                 if name not in own:
                     messages.say(f"{values} does not tell {name}: it is estimated", "note")
-        scans, hints = arguments.all_in_metres(scans, units, model.diagonal, near, region)
-        known = BasePrior(up=arguments.upwards(gravity))
+        scans, hints = scan_options.in_metres(scans, model.diagonal)
+        known = BasePrior(up=upwards(gravity))
         options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=known, **hints)
         result = calibrated(model, scans, joints, options, progress=show)
     _report(result, out, json)

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, MeshUnitsChoice, PackageDirs, ScanPath, Urdf
+from pwralign_kin.cli import messages
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, ScanOptions, ScanPath
 from pwralign_kin.cli.table import table
 from pwralign_kin.exceptions import MissingMeshError
 
@@ -21,22 +22,20 @@ def inspect(
     scan: ScanPath | None = None,
     /,
     *,
-    camera: arguments.Camera = arguments.NO_CAMERA,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    camera: CameraOptions = CAMERA_OPTIONS,
+    model_options: ModelOptions = MODEL_OPTIONS,
 ) -> None:
     """Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds."""
     with messages.progress() as show:
         show("reading the model")
         try:
-            model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+            model = model_options.read(urdf)
         except MissingMeshError as error:
             print(_missing(error))
             raise
     print(_described(model))
     if scan is not None:
-        print(f"\n{_compared(arguments.read_scan(scan, camera), model)}")
+        print(f"\n{_compared(ScanOptions(depth=camera).read(scan), model)}")
 
 
 def _missing(error: MissingMeshError) -> str:

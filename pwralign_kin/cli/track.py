@@ -9,18 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import (
-    AsJson,
-    GeometryChoice,
-    Joints,
-    MeshUnitsChoice,
-    PackageDirs,
-    Seed,
-    Threads,
-    Triple,
-    Urdf,
-)
+from pwralign_kin.cli.arguments import AsJson, Joints, Seed, Threads, Triple
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres
 
 if TYPE_CHECKING:
     from pwralign_kin.tracking import TrackedFrame
@@ -46,7 +38,7 @@ def track(
         Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
     ] = None,
     rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0,
-    camera: arguments.Camera = arguments.NO_CAMERA,
+    camera: CameraOptions = CAMERA_OPTIONS,
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
     ] = None,
@@ -57,9 +49,7 @@ def track(
     ] = None,
     seed: Seed = 0,
     json: AsJson = False,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
     threads: Threads = 0,
 ) -> int:
     """Follow a model through a stream of frames: base placement and joint values of each.
@@ -100,7 +90,7 @@ def track(
             ),
         )
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+        model = model_options.read(urdf)
         estimator = EstimatorOptions(seed=seed, threads=threads, locked=arguments.locked_names(lock), prior=values)
         tracker = Tracker(model, TrackerOptions(estimator=estimator, time_limit=time_limit), start)
         tracked: list[TrackedFrame] = []
@@ -108,7 +98,7 @@ def track(
         try:
             for time, frame in stream:
                 show(f"frame {len(tracked) + 1}")
-                metres = arguments.in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
+                metres = in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
                 tracked.append(tracker.update(metres, time))
         finally:
             # A bad frame, or who has seen enough, does not take away what was tracked before.
