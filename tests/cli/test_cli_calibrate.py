@@ -79,3 +79,12 @@ def test_estimate_takes_what_is_known_of_the_base(arm: Path, scan: Path, truth: 
     found = np.array(json.loads(outcome.out)["T_scan_base"])
     assert found[:3, 2] @ T[:3, 2] > 0.99
     assert "--base-std" in pwralign("estimate", arm, scan, "--base-std", 0, 0).error()
+
+
+def test_wrong_joint_values_are_warned_about(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
+    joints = tmp_path / "joints.json"
+    joints.write_text(json.dumps({"shoulder": 0.5, "elbow": -0.2}), encoding="utf-8")
+    outcome = pwralign("calibrate", arm, f"{scan}={joints}")
+    assert outcome.code == 3
+    assert "the scans contradict joint values" in outcome.err
+    assert "elbow seems" in outcome.out
