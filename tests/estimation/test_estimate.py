@@ -13,7 +13,7 @@ import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.se3 import exp
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 
 def worst_joint(model: pk.ArticulatedModel, estimate: pk.Estimate, truth: pk.State) -> float:
@@ -331,3 +331,11 @@ def test_a_bare_table_is_refused(arm: pk.ArticulatedModel, noise: float) -> None
     points[:, 2] += noise * arm.diagonal * random.normal(size=6000)
     with pytest.raises(ScanError, match="plane"):
         pk.estimate(arm, pk.Scan(points))
+
+
+def test_a_part_that_the_scan_lacks_is_called_unseen(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    lacking = pk.simulate(arm, single_scan.state, dataclasses.replace(TIERS["full"], missing_parts=("lower",)), seed=3)
+    estimate = pk.estimate(arm, lacking.scan)
+    assert [name for name, part in estimate.parts.items() if not part.seen] == ["lower"]
+    assert "hardly seen" in str(estimate) or "not seen" in str(estimate)
+    assert "of the whole model" in str(estimate)
