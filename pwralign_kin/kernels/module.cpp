@@ -510,7 +510,7 @@ void bind_search(nb::module_ &m) {
             Assignment a;
             {
                 nb::gil_scoped_release release;
-                const int64_t count = points.shape(0), block = 4096;
+                const int64_t count = points.shape(0), block = 1024;
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
