@@ -35,8 +35,8 @@ many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
 NUDGES, NUDGED, NUDGE_SIGMA = 3, 4, 0.04
-"""How often in a row each joint of an answer near a guess is swept, at most, how many of the swept are then refined, and
-from which robust scale: refinement alone leaves joints at values from which no small step is better."""
+"""How often in a row each joint of an answer near a guess is swept, at most, how many of the swept are then refined,
+and from which robust scale: refinement alone leaves joints at values from which no small step is better."""
 AGREED_DOUBT = 2.0
 """How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
