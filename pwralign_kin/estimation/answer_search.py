@@ -136,8 +136,9 @@ class AnswerSearch:
             agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
             if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
                 return refined.take([0])
-            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong.
-            if not is_explained(search, refined.take([0])):
+            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong; and a scene
+            # always leaves points unexplained.
+            if not (search.observation.scene or is_explained(search, refined.take([0]))):
                 refined = Candidates.concatenate([self._nudged(refined.take([0])), refined])
                 if is_plainly_right(search, refined.take([0])):
                     return refined.take([0])
