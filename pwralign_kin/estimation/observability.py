@@ -96,10 +96,9 @@ def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int,
     before, after = (search.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
     bases = np.array([base, base, base @ before @ inverse(after)])
     choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
-    scores, coverage = search.weighed(choices)
+    scores, coverage, seen = search.weighed(choices)
     best = int(np.argmax(scores[1:])) + 1
     lost = (coverage[0] - coverage[best]) * len(search.observation.points)
-    seen = search.seen_shares(choices)
     hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
     if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
         return base, values

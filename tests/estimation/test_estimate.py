@@ -124,6 +124,15 @@ def test_a_guess_that_leads_to_a_plain_answer_is_not_repaired(
     assert base_shift(arm, estimate, single_scan.state) < 0.01
 
 
+def test_a_guess_that_one_joint_keeps_from_the_answer_is_not_repaired(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan
+) -> None:
+    off = {**single_scan.state.joints, "elbow": single_scan.state.joints["elbow"] + 1.2}
+    estimate = pk.estimate(arm, single_scan.scan, initial=pk.State(single_scan.state.T_scan_base, off))
+    assert "repair" not in estimate.timings
+    assert estimate.state.joints["elbow"] == pytest.approx(single_scan.state.joints["elbow"], abs=0.02)
+
+
 def test_a_bad_guess_is_searched_away(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
     estimate = pk.estimate(arm, full_scan.scan, initial=pk.State(np.eye(4), {"shoulder": 0.0}))
     assert "repair" in estimate.timings
