@@ -104,7 +104,7 @@ class AnswerSearch:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
         Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
-        answers are compared so.
+        answers are compared so. Wide beams take more time than another search: they come last.
         """
         if self.search.observation.scene:
             return self._in_scene()
@@ -115,8 +115,9 @@ class AnswerSearch:
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
-                break
-        return best
+                return best
+        with self.watch.stage("repair"):
+            return self._widely_repaired(search, best)
 
     def from_guess(self, base: Array, values: Array) -> Candidates:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
@@ -202,7 +203,7 @@ class AnswerSearch:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
-            return self._repaired(search, refined, turn=True)
+            return self._narrowly_repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
@@ -246,14 +247,19 @@ class AnswerSearch:
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        solutions = self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+        return self._widely_repaired(search, self._narrowly_repaired(search, candidates, turn=turn))
+
+    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
+        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+
+    def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         best = solutions.take([0])
         right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
-        if self.effort.wide_beams and not right:
-            # Wide beams take their time: they are for the few solutions that are nearly right.
-            few = replace(self.repairing, early_rounds=0)
-            solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
-        return solutions
+        if right or not self.effort.wide_beams:
+            return solutions
+        # Wide beams take their time: they are for the few solutions that are nearly right.
+        few = replace(self.repairing, early_rounds=0)
+        return self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
@@ -264,8 +270,9 @@ class AnswerSearch:
             if best is None:
                 break
             others = unlike(search, solutions, [best], search.options.distinct)
-            few = replace(self.repairing, rounds=1)
-            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
+            # The others have been repaired before.
+            once = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
+            read = repair(search, Candidates.concatenate([best, others]), once, turn=False)
             before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
                 break

@@ -144,7 +144,7 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
     std::vector<int> order;
     for (int i = 0; i < int(states.size()); ++i) {
         const Partial &state = states[i];
-        const double missing = bar.height() - state.score;
+        double missing = bar.height() - state.score;
         if (hoped(most_trust) < missing) continue;
         if (state.known[joint]) {
             const Rigid motion = model.joint_placement(edge.joint, state.values[joint]);
@@ -155,10 +155,18 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
             add({i, state.values[joint], state.score + value - (edge.to == 0 ? prior.base_cost(T) : 0.f), T});
             continue;
         }
+        if (!leads_somewhere) {
+            // Nothing to see on that side: keep the prior value.
+            const double value = std::clamp(state.values[joint], model.lower[joint], model.upper[joint]);
+            const Rigid motion = model.joint_placement(edge.joint, value);
+            add({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
+            continue;
+        }
         const int steps = int(sweep.values.size());
         std::vector<Rigid> T(steps);
         row.assign(steps, 0.f);
         for (int v = 0; v < steps; ++v) T[v] = state.T[node] * (down ? sweep.down[v] : sweep.up[v]);
+        auto price = [&](int v) { return prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f); };
         if (scored) {
             early.resize(steps);
             for (int v = 0; v < steps; ++v)
@@ -174,23 +182,19 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
             const float rest = most_trust * (s.cumulated[last] - s.cumulated[first]);
             for (int at = 0; at < full; ++at) {
                 const int v = order[at];
-                if (hoped((early[v] + rest) / s.cumulated[last]) < missing) row[v] = lowest_score;
-                else row[v] = worth((early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last]);
+                if (hoped((early[v] + rest) / s.cumulated[last]) < missing) {
+                    row[v] = lowest_score;
+                    continue;
+                }
+                row[v] = worth((early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last]);
+                // Where one survives, it is the best of a state: what is worse need not be known.
+                if (beam == 1) missing = std::max(missing, double(row[v] - price(v)));
             }
         }
-        for (int v = 0; v < steps; ++v)
-            row[v] -= prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
+        for (int v = 0; v < steps; ++v) row[v] -= price(v);
         int modes, window;
-        if (!leads_somewhere) modes = 1, window = 0;
-        else if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
         else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
-        if (!leads_somewhere) {
-            // Nothing to see on that side: keep the prior value.
-            const double value = std::clamp(state.values[joint], model.lower[joint], model.upper[joint]);
-            const Rigid motion = model.joint_placement(edge.joint, value);
-            add({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
-            continue;
-        }
         for (int v : best_modes(row, std::min(modes, beam), {steps, window, sweep.circular}, float(missing - rounding)))
             add({i, sweep.values[v], state.score + row[v], T[v]});
     }

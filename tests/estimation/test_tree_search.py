@@ -118,3 +118,14 @@ def test_a_ball_joint_of_three_hinges_is_turned_as_one(tmp_path: Path) -> None:
         best = search.scored(search.refined(search.grow(root, 8)))[0].best_first().take([0])
         apart = np.linalg.norm(search.probe_positions(best) - search.probe_positions(true), axis=-1)
         assert apart.mean() < 0.01, (z, y, x)
+
+
+def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> None:
+    roots = search.promising(search.pair_hypotheses(0), 20)
+    best = search.grow(roots, 1)
+    several = [search.grow(roots.take([index]), search.options.beam) for index in range(len(roots.parts))]
+    assert max(len(many) for many in several) > 1
+    for index, many in enumerate(several):
+        assert (np.diff(many.scores) <= 0).all()
+        assert many.scores[0] == best.scores[index]
+        assert np.array_equal(many.values[0], best.values[index])
