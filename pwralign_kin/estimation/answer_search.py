@@ -67,7 +67,7 @@ class Effort:
     repairs: int
     """Rounds of repair, at most."""
     wide_beams: bool
-    """Whether wide beams are tried where an answer is not convincing."""
+    """Whether wide beams are tried where no answer is convincing and no two searches agree."""
 
 
 EFFORTS = {
@@ -270,9 +270,8 @@ class AnswerSearch:
             if best is None:
                 break
             others = unlike(search, solutions, [best], search.options.distinct)
-            # The others have been repaired before.
-            once = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
-            read = repair(search, Candidates.concatenate([best, others]), once, turn=False)
+            few = replace(self.repairing, rounds=1)
+            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
             before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
                 break
