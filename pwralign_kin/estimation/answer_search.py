@@ -71,7 +71,7 @@ class Effort:
     repairs: int
     """Rounds of repair, at most."""
     wide_beams: bool
-    """Whether wide beams are tried where an answer is not convincing."""
+    """Whether wide beams are tried where no answer is convincing and no two searches agree."""
 
 
 EFFORTS = {
@@ -108,7 +108,7 @@ class AnswerSearch:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
         Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
-        answers are compared so.
+        answers are compared so. Wide beams take more time than another search: they come last.
         """
         if self.search.observation.scene:
             return self._in_scene()
@@ -119,8 +119,9 @@ class AnswerSearch:
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
-                break
-        return best
+                return best
+        with self.watch.stage("repair"):
+            return self._widely_repaired(search, best)
 
     def from_guess(self, base: Array, values: Array) -> Candidates:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
@@ -146,7 +147,7 @@ class AnswerSearch:
             first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, search))
             if is_plainly_right(search, first.take([0])):
                 return first
-            solutions = self._repaired_further(search, first)
+            solutions = self._widely_repaired(search, self._reinterpreted(search, first))
         # Things may touch the model in a scene.
         tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
         if search.unexplained(solutions.take([0])) > tolerated:
@@ -228,7 +229,7 @@ class AnswerSearch:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
-            return self._repaired(search, refined, turn=True)
+            return self._narrowly_repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
@@ -271,19 +272,20 @@ class AnswerSearch:
         return self._distinct(several)
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        """Repair with small beams, and further where that leaves doubts."""
-        return self._repaired_further(search, repair(search, candidates, self.repairing, turn=turn))
+        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
+        return self._widely_repaired(search, self._narrowly_repaired(search, candidates, turn=turn))
 
-    def _repaired_further(self, search: TreeSearch, repaired: Candidates) -> Candidates:
-        """Read surfaces otherwise, and repair with wide beams where much of the scan is still unexplained."""
-        solutions = self._reinterpreted(search, repaired)
+    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
+        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+
+    def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         best = solutions.take([0])
         right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
-        if self.effort.wide_beams and not right:
-            # Wide beams take their time: they are for the few solutions that are nearly right.
-            few = replace(self.repairing, early_rounds=0)
-            solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
-        return solutions
+        if right or not self.effort.wide_beams:
+            return solutions
+        # Wide beams take their time: they are for the few solutions that are nearly right.
+        few = replace(self.repairing, early_rounds=0)
+        return self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""

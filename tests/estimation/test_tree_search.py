@@ -139,3 +139,14 @@ def test_normals_of_points_on_an_answer_are_compared_with_its_own(search: TreeSe
 def test_the_median_is_that_of_numpy(count: int) -> None:
     values = np.random.default_rng(count).random(count).astype(np.float32)
     assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
+
+
+def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> None:
+    roots = search.promising(search.pair_hypotheses(0), 20)
+    best = search.grow(roots, 1)
+    several = [search.grow(roots.take([index]), search.options.beam) for index in range(len(roots.parts))]
+    assert max(len(many) for many in several) > 1
+    for index, many in enumerate(several):
+        assert (np.diff(many.scores) <= 0).all()
+        assert many.scores[0] == best.scores[index]
+        assert np.array_equal(many.values[0], best.values[index])
