@@ -11,24 +11,47 @@ import numpy as np
 from pwralign_kin.estimation.answer_search import ranks
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.evidence import Evidence, rivals_to
+from pwralign_kin.estimation.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.likelihood import log_likelihoods
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 DISTINCT = 2.0
 """Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
 GAIN = 0.005
-"""What a rival must gain of the scores that answers are ranked by."""
+"""What a rival must gain of the scores that answers are ranked by, ..."""
+TIE = 0.01
+"""... and how much less it may have of them if the points prefer it, ..."""
+LIKELIER = 6.0
+"""... by this much of the logarithm of their likelihood on the model's own triangles."""
+AT_LIMIT = 1e-6
+"""A joint this near to its limit (rad) is held there."""
+GAP = float(np.radians(90.0))
+"""Angle between the limits of a joint, the short way, up to which a value beyond one may be meant by one at the other."""
 
 
-def contested(search: TreeSearch, final: Candidates, evidence: Evidence, finished: Candidates) -> Candidates | None:
+def contested(
+    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates
+) -> Candidates | None:
     """Return the answers that the search `finished` with behind a better one, if a rival of `final` (one) is better.
 
     `evidence` is that for the final configuration. None where there is no such rival, and in a scene, where most
     points are of other things.
     """
-    if search.observation.scene or search.known.held or evidence.distinct >= DISTINCT:
+    search = solver.search
+    if search.observation.scene or search.known.held:
         return None
-    rivals = rivals_to(search, final, finished)
+    rivals = _across_limits(solver, final)
+    if evidence.distinct < DISTINCT:
+        rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
+    won = _better(search, final, rivals) or _likelier(solver, final, finished)
+    return None if won is None else Candidates.concatenate([won, finished])
+
+
+def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:
+    """Return the best of the rivals, refined, if its scores are better than those of the final configuration."""
+    if len(rivals) == 0:
+        return None
     # What refinement alone would gain is no merit of a rival.
     settled, refined = refined_both_ways(search, final), refined_both_ways(search, rivals)
     both = Candidates.concatenate([settled, refined])
@@ -36,5 +59,34 @@ def contested(search: TreeSearch, final: Candidates, evidence: Evidence, finishe
     best = int(np.argmax(scores))
     if scores[best] < scores[: len(settled)].max() + GAIN:
         return None
-    won = Candidates(both.bases, both.values, scores).take([best])
-    return Candidates.concatenate([won, finished])
+    return Candidates(both.bases, both.values, scores).take([best])
+
+
+def _likelier(solver: JointLeastSquares, final: Candidates, finished: Candidates) -> Candidates | None:
+    """Return which of the other answers that `finished` with nearly the same scores the points clearly prefer."""
+    search = solver.search
+    near = np.flatnonzero(finished.scores >= finished.scores[0] - TIE)
+    others = finished.take(near[near > 0])
+    together = search.distinct(
+        Candidates.concatenate([Candidates(final.bases, final.values, finished.scores[:1]), others]),
+        1 + len(others), search.options.distinct,
+    )  # fmt: skip
+    if len(together) == 1:
+        return None
+    likelihoods = log_likelihoods(solver, together)
+    best = int(np.argmax(likelihoods))
+    return together.take([best]) if likelihoods[best] > likelihoods[0] + LIKELIER else None
+
+
+def _across_limits(solver: JointLeastSquares, final: Candidates) -> Candidates:
+    """Return the final configuration with each joint that is held at a limit at its other limit, if that is near.
+
+    Joints that turn nearly all around stop at a limit on the way to a value beyond the other.
+    """
+    values, lower, upper = final.values[0], solver.lower, solver.upper
+    turns = ~solver.model.prismatic & ~solver.locked & (2.0 * np.pi - GAP < upper - lower) & (upper - lower < 2.0 * np.pi)
+    other = np.where(values < lower + AT_LIMIT, upper, lower)
+    held = np.flatnonzero(turns & ((values < lower + AT_LIMIT) | (values > upper - AT_LIMIT)))
+    turned = np.tile(values, (len(held), 1))
+    turned[np.arange(len(held)), held] = other[held]
+    return Candidates(np.tile(final.bases, (len(held), 1, 1)), turned, np.zeros(len(held), np.float32))
