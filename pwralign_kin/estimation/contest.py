@@ -1,7 +1,8 @@
 """The last word on an answer: whether a rival that the points do not tell from it, or prefer, takes its place.
 
 The search goes by what the scan shows of the model as well as by what the model explains of the scan. Where pieces of
-the surface are missing, the first speaks against the truth; how closely the points lie on an answer does not.
+the surface are missing, the first speaks against the truth; how closely the points lie on an answer does not. And no
+step of any search leads over the gap between the limits of a joint that turns nearly all around.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ LIKELIER = 6.0
 AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
-"""Angle between the limits of a joint, the short way, up to which a value beyond one may be meant by one at the other."""
+"""Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
 
 
 def contested(
@@ -44,7 +45,9 @@ def contested(
     rivals = _across_limits(solver, final)
     if evidence.distinct < DISTINCT:
         rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
-    won = _better(search, final, rivals) or _likelier(solver, final, finished)
+    won = _better(search, final, rivals)
+    if won is None:
+        won = _likelier(solver, final, finished)
     return None if won is None else Candidates.concatenate([won, finished])
 
 
@@ -84,7 +87,8 @@ def _across_limits(solver: JointLeastSquares, final: Candidates) -> Candidates:
     Joints that turn nearly all around stop at a limit on the way to a value beyond the other.
     """
     values, lower, upper = final.values[0], solver.lower, solver.upper
-    turns = ~solver.model.prismatic & ~solver.locked & (2.0 * np.pi - GAP < upper - lower) & (upper - lower < 2.0 * np.pi)
+    gap = 2.0 * np.pi - (upper - lower)
+    turns = ~solver.model.prismatic & ~solver.locked & (gap > 0.0) & (gap < GAP)
     other = np.where(values < lower + AT_LIMIT, upper, lower)
     held = np.flatnonzero(turns & ((values < lower + AT_LIMIT) | (values > upper - AT_LIMIT)))
     turned = np.tile(values, (len(held), 1))

@@ -90,7 +90,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
 
 def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:
     """Return the index of the least cost, and those of the least others that are least among their neighbours."""
-    left = np.pad(cost, 1, mode="wrap") if count else np.pad(cost, 1, constant_values=np.inf)
+    left = np.pad(cost, 1, mode="wrap") if count is not None else np.pad(cost, 1, constant_values=np.inf)
     least = (cost <= left[:-2]) & (cost <= left[2:])
     modes: list[int] = []
     for index in np.flatnonzero(least)[np.argsort(cost[least], kind="stable")]:
@@ -101,8 +101,8 @@ def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int
 
 def _away(steps: NDArray[np.int64], index: int, count: int | None) -> NDArray[np.int64]:
     """Return how many steps all values are from one, where `count` of them may be a full turn."""
-    away = np.abs(steps - steps[index])
-    return np.minimum(away, count - away) if count else away
+    away: NDArray[np.int64] = np.abs(steps - steps[index])
+    return away if count is None else np.minimum(away, count - away)
 
 
 def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:

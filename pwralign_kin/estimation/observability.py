@@ -11,6 +11,7 @@ from pwralign_kin.estimation.answer_search import finest
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.joint_profile import profiled
+from pwralign_kin.estimation.likelihood import log_likelihoods
 from pwralign_kin.estimation.surface_mixture import solved
 from pwralign_kin.estimation.uncertainty import (
     PROBE_SLIDE,
@@ -96,15 +97,23 @@ def _compared(
     if len(of) == 1:
         return solution, sure
     # What refinement alone would gain is no merit of a rival.
-    together = search.refined(Candidates.concatenate(rivals), points=search.options.fine_points, iterations=10, sigma=0.01)
+    points = search.options.fine_points
+    together = search.refined(Candidates.concatenate(rivals), points=points, iterations=10, sigma=0.01)
     likelihood = finest(search, together) * len(search.observation.given)
     # The likelihood is of the points alone: what they leave of the model unseen may speak against it.
     scores = search.weighed(together)[0]
     likelihood[scores < scores[0] - NO_COST] = -np.inf
-    best = int(np.argmax(likelihood))
-    if likelihood[best] >= likelihood[0] + BETTER:
-        solution = solved(solver, together.bases[best], solver.limited(together.values[best]), solution.problem.blur)
-        sure[of[best]] |= likelihood[best] >= likelihood[0] + NO_RIVAL
+    if likelihood.max() < likelihood[0] + BETTER:
+        return solution, sure
+    # Samples of the surface tell that the answer is wrong; which of the others is right is for the triangles.
+    near = np.append(0, np.flatnonzero(likelihood[1:] > likelihood.max() - NO_RIVAL) + 1)
+    exact = log_likelihoods(solver, together.take(near))
+    best = int(np.argmax(exact[1:])) + 1
+    if exact[best] >= exact[0]:
+        chosen = near[best]
+        values = solver.limited(together.values[chosen])
+        solution = solved(solver, together.bases[chosen], values, solution.problem.blur)
+        sure[of[chosen]] |= exact[best] >= np.delete(exact, best).max() + NO_RIVAL
     return solution, sure
 
 
