@@ -13,7 +13,7 @@ from pwralign_kin.estimation.answer_search import ranks
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.likelihood import log_likelihoods
+from pwralign_kin.estimation.likelihood import FEW_POINTS, log_likelihoods
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 
@@ -21,10 +21,11 @@ DISTINCT = 2.0
 """Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
 GAIN = 0.005
 """What a rival must gain of the scores that answers are ranked by, ..."""
-TIE = 0.01
-"""... and how much less it may have of them if the points prefer it, ..."""
-LIKELIER = 6.0
-"""... by this much of the logarithm of their likelihood on the model's own triangles."""
+TIE, TIES = 0.01, 3
+"""... and how much less it may have of them, and how many such rivals are looked at, if the points prefer it, ..."""
+LIKELIER, ROUGHLY = 6.0, 1.0
+"""... by this much of the logarithm of their likelihood on the model's own triangles, and by so much when few of the
+points are looked at."""
 AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
@@ -32,12 +33,12 @@ GAP = float(np.radians(90.0))
 
 
 def contested(
-    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates
+    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
 ) -> Candidates | None:
     """Return the answers that the search `finished` with behind a better one, if a rival of `final` (one) is better.
 
-    `evidence` is that for the final configuration. None where there is no such rival, and in a scene, where most
-    points are of other things.
+    `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
+    such rival, and in a scene, where most points are of other things.
     """
     search = solver.search
     if search.observation.scene or search.known.held:
@@ -47,7 +48,7 @@ def contested(
         rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
     won = _better(search, final, rivals)
     if won is None:
-        won = _likelier(solver, final, finished)
+        won = _likelier(solver, final, finished, equal)
     return None if won is None else Candidates.concatenate([won, finished])
 
 
@@ -65,15 +66,22 @@ def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candid
     return Candidates(both.bases, both.values, scores).take([best])
 
 
-def _likelier(solver: JointLeastSquares, final: Candidates, finished: Candidates) -> Candidates | None:
+def _likelier(
+    solver: JointLeastSquares, final: Candidates, finished: Candidates, equal: Candidates
+) -> Candidates | None:
     """Return which of the other answers that `finished` with nearly the same scores the points clearly prefer."""
     search = solver.search
-    near = np.flatnonzero(finished.scores >= finished.scores[0] - TIE)
-    others = finished.take(near[near > 0])
-    together = search.distinct(
-        Candidates.concatenate([Candidates(final.bases, final.values, finished.scores[:1]), others]),
-        1 + len(others), search.options.distinct,
-    )  # fmt: skip
+    near = finished.take(finished.scores >= finished.scores[0] - TIE)
+    known = Candidates.concatenate([final, equal])
+    several = Candidates.concatenate([known, near])
+    in_order = Candidates(several.bases, several.values, -np.arange(len(several), dtype=np.float32))
+    distinct = search.distinct(in_order, len(several), search.options.distinct)
+    rivals = distinct.take(distinct.scores <= -len(known)).take(slice(TIES))
+    if len(rivals) == 0:
+        return None
+    together = Candidates.concatenate([final, rivals])
+    rough = log_likelihoods(solver, together, FEW_POINTS)
+    together = together.take(np.append(0, np.flatnonzero(rough[1:] > rough[0] + ROUGHLY) + 1))
     if len(together) == 1:
         return None
     likelihoods = log_likelihoods(solver, together)

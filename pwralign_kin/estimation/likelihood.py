@@ -15,17 +15,17 @@ from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, bound
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.se3 import Array
 
-MOST_POINTS = 5000
-"""Scan points that are looked at."""
+MOST_POINTS, FEW_POINTS = 5000, 800
+"""Scan points that are looked at, and on the way to the maximum."""
 REACH = 0.03
 """Points farther from the model (model diagonals) are of other things."""
 LEAST_NOISE = 0.0003
 """Least standard deviation of the points (model diagonals): what single precision and bent surfaces leave."""
 ANYTHING = 0.02
 """Density of the points that are not on the model, against that of the normal noise at its peak."""
-STEPS, LITTLE = 8, 0.5
-"""Steps of Gauss-Newton towards the exact closest points, at most: one that gains no more than this logarithm of the
-likelihood is the last, and its gain is taken from its linear model."""
+STEPS, LITTLE = 6, 0.5
+"""Steps of Gauss-Newton by few points towards the exact closest ones, at most: one that gains no more than this
+logarithm of the likelihood is the last. What one more step by all points would gain is taken from its linear model."""
 REST = 1.5
 """Standard deviation of joint values about their prior (rad or model diagonals), for want of a closer one, ..."""
 TOLD = 3.0
@@ -41,21 +41,30 @@ def likeliest(solver: JointLeastSquares, several: Candidates, prior: Array) -> i
     return int(np.argmax(np.where(likelihoods > likelihoods.max() - TOLD, usual, -np.inf)))
 
 
-def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
-    """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer."""
-    points = _points_near(solver, several.take([0]))
-    looks = [_Look(solver, points, *answer) for answer in zip(several.bases, several.values, strict=True)]
-    noise = max(LEAST_NOISE, 1.4826 * float(np.median(looks[0].distance)))
-    return np.array([_log_likelihood(solver, points, look, noise) for look in looks])
+def log_likelihoods(solver: JointLeastSquares, several: Candidates, most: int = MOST_POINTS) -> Array:
+    """Return (m,) the logarithms, by at most so many points, up to a common constant, each at the maximum near to the
+    answer."""
+    points = _points_near(solver, several.take([0]), most)
+    few = np.ascontiguousarray(points[:: max(1, len(points) // FEW_POINTS)])
+    first = _Look(solver, few, several.bases[0], several.values[0])
+    noise = max(LEAST_NOISE, 1.4826 * float(np.median(first.distance)))
+    settled = [_settled(solver, few, *answer, noise) for answer in zip(several.bases, several.values, strict=True)]
+    return np.array([_log_likelihood(solver, _Look(solver, points, *answer), noise) for answer in settled])
 
 
-def _log_likelihood(solver: JointLeastSquares, points: Float, look: _Look, noise: float) -> float:
-    """Return the logarithm of the likelihood at its maximum near to what is looked at."""
+def _settled(solver: JointLeastSquares, points: Float, base: Array, values: Array, noise: float) -> tuple[Array, Array]:
+    """Return the configuration near to one that these points make the most likely."""
     for _ in range(STEPS):
-        step, likelihood, gain = look.step(solver, noise)
+        step, _, gain = _Look(solver, points, base, values).step(solver, noise)
         if gain < LITTLE:
             break
-        look = _Look(solver, points, *solver.stepped(look.base, look.values, step))
+        base, values = solver.stepped(base, values, step)
+    return base, values
+
+
+def _log_likelihood(solver: JointLeastSquares, look: _Look, noise: float) -> float:
+    """Return the logarithm of the likelihood at its maximum near to what is looked at."""
+    _, likelihood, gain = look.step(solver, noise)
     prior = solver.prior(look.base, look.values)
     against = float(prior.g @ np.linalg.lstsq(prior.H, prior.g)[0]) / 2
     return likelihood + gain - against
@@ -92,11 +101,11 @@ class _Look:
         return step, float(np.log(normal + ANYTHING).sum()), gain
 
 
-def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
-    """Return scan points (n, 3) near to an answer, as given by the sensor."""
+def _points_near(solver: JointLeastSquares, answer: Candidates, most: int) -> Float:
+    """Return at most so many scan points (n, 3) near to an answer, as given by the sensor."""
     search = solver.search
     raw = search.observation.raw
     distance = search.assigned(raw, search.part_placements(answer)[0], search.exists, REACH)[0]
     near = raw[distance < REACH]
-    chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
+    chosen = np.linspace(0, len(near) - 1, min(len(near), most)).astype(int)
     return np.ascontiguousarray(near[chosen])
