@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.estimation.answer_search import ranks
+from pwralign_kin.estimation.answer_search import finest, ranks
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.likelihood import FEW_POINTS, log_likelihoods
+from pwralign_kin.estimation.likelihood import log_likelihoods
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 
@@ -23,9 +23,9 @@ GAIN = 0.005
 """What a rival must gain of the scores that answers are ranked by, ..."""
 TIE, TIES = 0.01, 3
 """... and how much less it may have of them, and how many such rivals are looked at, if the points prefer it, ..."""
-LIKELIER, ROUGHLY = 6.0, 1.0
-"""... by this much of the logarithm of their likelihood on the model's own triangles, and by so much when few of the
-points are looked at."""
+LIKELIER, ROUGHLY = 6.0, 3.0
+"""... by this much of the logarithm of their likelihood on the model's own triangles, if it is not less by so much when
+samples of the surface stand for them."""
 AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
@@ -80,8 +80,8 @@ def _likelier(
     if len(rivals) == 0:
         return None
     together = Candidates.concatenate([final, rivals])
-    rough = log_likelihoods(solver, together, FEW_POINTS)
-    together = together.take(np.append(0, np.flatnonzero(rough[1:] > rough[0] + ROUGHLY) + 1))
+    rough = finest(search, together) * len(search.observation.given)
+    together = together.take(np.append(0, np.flatnonzero(rough[1:] > rough[0] - ROUGHLY) + 1))
     if len(together) == 1:
         return None
     likelihoods = log_likelihoods(solver, together)

@@ -41,10 +41,9 @@ def likeliest(solver: JointLeastSquares, several: Candidates, prior: Array) -> i
     return int(np.argmax(np.where(likelihoods > likelihoods.max() - TOLD, usual, -np.inf)))
 
 
-def log_likelihoods(solver: JointLeastSquares, several: Candidates, most: int = MOST_POINTS) -> Array:
-    """Return (m,) the logarithms, by at most so many points, up to a common constant, each at the maximum near to the
-    answer."""
-    points = _points_near(solver, several.take([0]), most)
+def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
+    """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer."""
+    points = _points_near(solver, several.take([0]))
     few = np.ascontiguousarray(points[:: max(1, len(points) // FEW_POINTS)])
     first = _Look(solver, few, several.bases[0], several.values[0])
     noise = max(LEAST_NOISE, 1.4826 * float(np.median(first.distance)))
@@ -101,11 +100,11 @@ class _Look:
         return step, float(np.log(normal + ANYTHING).sum()), gain
 
 
-def _points_near(solver: JointLeastSquares, answer: Candidates, most: int) -> Float:
-    """Return at most so many scan points (n, 3) near to an answer, as given by the sensor."""
+def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
+    """Return scan points (n, 3) near to an answer, as given by the sensor."""
     search = solver.search
     raw = search.observation.raw
     distance = search.assigned(raw, search.part_placements(answer)[0], search.exists, REACH)[0]
     near = raw[distance < REACH]
-    chosen = np.linspace(0, len(near) - 1, min(len(near), most)).astype(int)
+    chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
     return np.ascontiguousarray(near[chosen])

@@ -38,6 +38,8 @@ NO_RIVAL = 6.0
 """Log-likelihood by which the best value of a weakly determined joint must be better than all others, ..."""
 BETTER = 3.0
 """... and by which another value must be better than the one found, by the likelihood of all points."""
+CHOICES = 2
+"""The likeliest other values, by samples of the surface, among which its triangles choose."""
 LOOSE = 1.0 / 3.0
 """Standard deviation of a joint, in units of its probe motion, from which on its other values are compared: noise may
 have led to the wrong one."""
@@ -106,7 +108,8 @@ def _compared(
     if likelihood.max() < likelihood[0] + BETTER:
         return solution, sure
     # Samples of the surface tell that the answer is wrong; which of the others is right is for the triangles.
-    near = np.append(0, np.flatnonzero(likelihood[1:] > likelihood.max() - NO_RIVAL) + 1)
+    order = 1 + np.argsort(-likelihood[1:], kind="stable")[:CHOICES]
+    near = np.append(0, order[likelihood[order] > likelihood.max() - NO_RIVAL])
     exact = log_likelihoods(solver, together.take(near))
     best = int(np.argmax(exact[1:])) + 1
     if exact[best] >= exact[0]:
