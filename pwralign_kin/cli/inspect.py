@@ -42,7 +42,7 @@ def _missing(error: MissingMeshError) -> str:
     rows = [
         (mesh if place == 0 else "", str(path))
         for mesh, paths in error.meshes.items()
-        for place, path in enumerate(paths or ["its package is in no package folder"])
+        for place, path in enumerate(paths or ["no package of this name is found"])
     ]
     return table(("missing mesh", "looked for at"), rows)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +19,7 @@ from pwralign_kin.model import cache
 from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
+from pwralign_kin.model.packages import PackageFolders, package_folders
 from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
 from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
 from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
@@ -97,7 +99,7 @@ class ArticulatedModel:
     kinematics: Kinematics = field(repr=False)
     """Pinocchio's model of the URDF."""
 
-    package_dirs: tuple[Path, ...] = field(repr=False)
+    package_dirs: PackageFolders = field(repr=False)
     """Folders that were given for the URDF's packages and meshes."""
 
     T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False)
@@ -111,25 +113,32 @@ class ArticulatedModel:
         package_dirs: Iterable[Path | str] = (),
         geometry: GeometryKind = "visual",
         mesh_units: MeshUnits = "ignore",
+        xacro_args: Mapping[str, object] | None = None,
     ) -> ArticulatedModel:
-        """Read a URDF (or xacro, with the xacro extra).
+        """Read a URDF (or xacro, with the xacro extra, its arguments by name in `xacro_args`).
 
-        `package_dirs` are folders that contain packages; besides them packages are looked for in the folders
-        above the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. `geometry` chooses the visual or the collision
-        elements; where the whole URDF has none of them the other serves, with a warning. `mesh_units` says
-        whether a DAE is scaled by its `<unit>` ("apply") or taken to be in metres ("ignore", as most readers
-        do).
+        `package_dirs` are folders that contain packages, or workspaces with packages some levels below; besides
+        them packages are looked for in the folders above the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
+        `geometry` chooses the visual or the collision elements; where the whole URDF has none of them the other
+        serves, with a warning. `mesh_units` says whether a DAE is scaled by its `<unit>` ("apply") or taken to be
+        in metres ("ignore", as most readers do).
 
         Raises `ModelError` listing every fault, `MissingMeshError` naming every mesh that is not found,
-        `DependencyError` for a xacro without the extra.
+        `UnknownNameError` for an argument that the xacro does not have, `DependencyError` for a xacro without the
+        extra.
         """
+        if not isinstance(path, str | os.PathLike):
+            raise ModelError(repr(path), "a URDF is named by its path")
         path = Path(path)
         if geometry not in ("visual", "collision"):
             raise ModelError(path, f"geometry must be 'visual' or 'collision', not {geometry!r}")
         if mesh_units not in ("ignore", "apply"):
             raise ModelError(path, f"mesh_units must be 'ignore' or 'apply', not {mesh_units!r}")
-        folders = tuple(Path(folder).absolute() for folder in package_dirs)
-        description = read_urdf(path, folders, geometry)
+        if not isinstance(xacro_args, Mapping | None):
+            raise ModelError(path, f"xacro_args maps names to values, not {xacro_args!r}")
+        folders = package_folders(package_dirs, path)
+        arguments = {str(name): _as_xacro(value) for name, value in (xacro_args or {}).items()}
+        description = read_urdf(path, folders, geometry, arguments)
         welds = weld_links(description)
         shapes = read_geometry(description, path, folders, mesh_units)
         diagonal = _diagonal_at_zero(welds, shapes)
@@ -141,7 +150,7 @@ class ArticulatedModel:
     def _assemble(
         cls,
         path: Path,
-        package_dirs: tuple[Path, ...],
+        package_dirs: PackageFolders,
         description: Description,
         welds: tuple[Weld, ...],
         shapes: Geometry,
@@ -307,6 +316,11 @@ class ArticulatedModel:
         if values.shape != (len(self.joint_names),):
             raise StateError(f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}")
         return values
+
+
+def _as_xacro(value: object) -> str:
+    """Return a value as xacro writes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _frozen(values: list[float]) -> Array:

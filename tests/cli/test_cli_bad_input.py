@@ -67,6 +67,19 @@ def test_urdf_files_that_are_none(content: bytes, cloud: Path, tmp_path: Path, r
     assert "x.urdf" in refused(tmp_path / "x.urdf", cloud)
 
 
+def test_xacro_arguments_reach_the_xacro(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    text = arm.read_text().replace('name="arm">', 'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">', 1)
+    xacro = tmp_path / "arm.urdf.xacro"
+    xacro.write_text(text.replace("<link", '<xacro:arg name="name"/><link', 1))
+    assert "--xacro-arg name=VALUE" in pwralign("inspect", xacro).error()
+    for given in ("name=left", "name:=left"):
+        outcome = pwralign("inspect", xacro, "--xacro-arg", given)
+        assert outcome.code == 0 and outcome.out.startswith("left: 3 parts"), outcome.err
+    assert "name=value" in pwralign("inspect", xacro, "--xacro-arg", "left").error()
+    assert "no such folder" in pwralign("inspect", arm, "--package-dir", tmp_path / "none").error()
+
+
 def test_missing_meshes_are_named(write_arm: Callable[..., Path], cloud: Path, refused: Callable[..., str]) -> None:
     link = '<link name="{0}"><visual><geometry><mesh filename="{1}"/></geometry></visual></link>'
     joint = '<joint name="j{0}" type="fixed"><parent link="base"/><child link="{0}"/></joint>'
