@@ -6,7 +6,7 @@ import math
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -56,28 +56,39 @@ def locked_names(names: Iterable[str] | None) -> tuple[str, ...]:
 
 
 def read_joints(path: Path) -> dict[str, float]:
-    """Return {name: value} of a JSON file: a state.json, or an object of names and values.
+    """Return {name: value} of a JSON or YAML file in any form that this program or ROS writes joint values in.
 
-    Raises `StateError` naming the file and what is wrong.
+    That is an object of names and values, by itself or as "joints" (a state.json) or "initial_positions", or a
+    sensor_msgs/JointState. Raises `StateError` naming the file and what is wrong.
     """
-    import json
+    import yaml
 
     from pwralign_kin.exceptions import StateError
     from pwralign_kin.state import State
 
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = next(yaml.safe_load_all(path.read_text(encoding="utf-8")), None)  # `ros2 topic echo` goes on
     except OSError as error:
         raise StateError(f"{path}: cannot read: {error.strerror}") from None
-    except ValueError as error:
-        raise StateError(f"{path}: not JSON: {error}") from None
-    joints = content.get("joints", content) if isinstance(content, dict) else content
-    if not isinstance(joints, dict) or not joints:
-        raise StateError(f"{path}: expected an object of joint names and values")
+    except (ValueError, yaml.YAMLError) as error:
+        raise StateError(f"{path}: neither JSON nor YAML: {' '.join(str(error).split())}") from None
+    if isinstance(content, dict):
+        if {"name", "position"} <= content.keys():
+            content = _of_message(content["name"], content["position"])
+        else:
+            content = content.get("joints", content.get("initial_positions", content))
+    if not isinstance(content, dict) or not content:
+        raise StateError(f"{path}: expected an object of joint names and values, or a sensor_msgs/JointState")
     try:
-        return dict(State(joints=joints).joints)
+        return dict(State(joints=content).joints)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
+
+
+def _of_message(names: Any, positions: Any) -> dict[str, float] | None:
+    """Return the values by name of a JointState; None where it is none."""
+    paired = isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)
+    return dict(zip(map(str, names), positions, strict=True)) if paired else None
 
 
 def known_names(kind: str, text: str | None, valid: Iterable[str]) -> tuple[str, ...]:

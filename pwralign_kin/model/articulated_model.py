@@ -263,9 +263,13 @@ class ArticulatedModel:
         for name, value in joints.items():
             if name not in self._index:
                 raise UnknownNameError("joint", name, self.joint_names)
-            lower, upper = self.lower[self._index[name]], self.upper[self._index[name]]
-            if not self.continuous[self._index[name]] and not lower <= value <= upper:
-                raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+            if not self._allows(name, value):
+                lower, upper = self.lower[self._index[name]], self.upper[self._index[name]]
+                fault = f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g} {self.units[name]}"
+                radians = {own: math.radians(joints[own]) for own in joints if self.units.get(own) == "rad"}
+                if name in radians and all(self._allows(*joint) for joint in radians.items()):
+                    fault += ", which it is within if it was meant in degrees"
+                raise StateError(fault)
 
     def part_placements(self, values: Array) -> Array:
         """Return (n_parts, 4, 4) placements of the parts in the root frame for the actuated values (k,)."""
@@ -310,6 +314,10 @@ class ArticulatedModel:
     @cached_property
     def _neutral_values(self) -> Array:
         return np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
+
+    def _allows(self, name: str, value: float) -> bool:
+        index = self._index[name]
+        return bool(self.continuous[index] or self.lower[index] <= value <= self.upper[index])
 
     def _checked(self, values: Array) -> Array:
         values = np.asarray(values, dtype=np.float64)
