@@ -38,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
             sys.stdout.flush()
         except (CycloptsError, UsageError) as error:
-            return messages.complain(f"{error} See pwralign --help.", USAGE)
+            verb = f"{tokens[0]} " if tokens and tokens[0] in VERBS else ""
+            return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
         except PwralignError as error:
             return messages.complain(str(error), BAD_INPUT)
         except KeyboardInterrupt:

@@ -68,5 +68,10 @@ BASE_OPTIONS = BaseOptions()
 
 
 def upwards(gravity: Triple | None) -> Triple | None:
-    """Return the direction that is up, of any length."""
-    return None if gravity is None else (-gravity[0], -gravity[1], -gravity[2])
+    """Return the direction that is up, of any length; raises `UsageError` for numbers that are no direction."""
+    if gravity is None:
+        return None
+    if not 1e-9 < math.hypot(*gravity) < math.inf:
+        given = " ".join(f"{value:g}" for value in gravity)
+        raise UsageError(f"--gravity takes the direction in which things fall, such as 0 0 -1, not {given}.")
+    return -gravity[0], -gravity[1], -gravity[2]

@@ -105,6 +105,11 @@ class ScanOptions:
 
         Raises `UsageError` for hints where the scans differ in their units, and what `in_metres` raises.
         """
+        from pwralign_kin.scan import check_named_unit
+
+        if self.units != "auto":
+            for scan in scans:
+                check_named_unit(scan, diagonal, self.units)
         converted = [in_metres(scan, self.units, diagonal) for scan in scans]
         unit = converted[0][1]
         if (self.near or self.region) and any(own != unit for _, own in converted):

@@ -333,8 +333,13 @@ class AnswerSearch:
 
     @property
     def _nothing_placed(self) -> CorrespondenceError:
-        sources = self.options.sources
-        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+        if not self.options.sources:
+            return CorrespondenceError("estimate", "the correspondences place no part of the model in the scan")
+        return CorrespondenceError(
+            "estimate",
+            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
+            "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
+        )
 
 
 def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:

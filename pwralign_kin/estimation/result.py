@@ -144,7 +144,7 @@ class Estimate:
         lines = [
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
             f"support {self.model_support:.1%} of the visible model   inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
-            f"base {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            f"base link {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
             "",
             *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]

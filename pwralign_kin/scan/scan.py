@@ -95,7 +95,9 @@ class Scan:
         self.source = str(source)
         given = self._numbers(points, "points")
         if given.ndim != 2 or given.shape[1] != 3:
-            raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}")
+            columns = given.ndim == 2 and len(given) == 3
+            hint = ": its points are in columns, transpose it" if columns else ""
+            raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}{hint}")
         if len(given) == 0:
             raise EmptyScanError(self.source, "the scan has no points")
         finite = (np.abs(given) <= LARGEST).all(axis=1)
