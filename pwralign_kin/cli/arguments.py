@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli.codes import UsageError
@@ -17,19 +17,32 @@ from pwralign_kin.exceptions import ExportError
 if TYPE_CHECKING:
     from pwralign_kin.se3 import Array
 
-Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
+OUTPUT, GUESS, SCAN, MODEL, SEARCH = (
+    Group(name, sort_key=place)
+    for place, name in enumerate(("Output", "Guess and knowledge", "Scan", "Model", "Search"), start=1)
+)
+"""Under which options stand in the help of a verb."""
 
-EffortChoice = Annotated[Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.")]
+Seed = Annotated[
+    int,
+    Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32), group=SEARCH),
+]
 
-AsJson = Annotated[bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)]
+EffortChoice = Annotated[
+    Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.", group=SEARCH)
+]
 
-Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))]
+AsJson = Annotated[
+    bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False, group=OUTPUT)
+]
+
+Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0), group=SEARCH)]
 
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
-Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
+Joints = Annotated[list[str] | None, Parameter("--joint", negative=(), group=GUESS)]
 
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:

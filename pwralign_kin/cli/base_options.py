@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from pwralign_kin.cli.arguments import Box, Pose, Triple, placement
+from pwralign_kin.cli.arguments import GUESS, Box, Pose, Triple, placement
 from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 
 Gravity = Annotated[
     Triple | None,
-    Parameter(help="x y z: the direction in the scan in which things fall, against the model's z.", negative=()),
+    Parameter(
+        help="x y z: the direction in the scan in which things fall, against the model's z.", negative=(), group=GUESS
+    ),
 ]
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=GUESS)
 @dataclass(frozen=True)
 class BaseOptions:
     """Where the root link is. Raises `UsageError` for a standard deviation of nothing."""

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import AsJson, EffortChoice, Seed, Threads
+from pwralign_kin.cli.arguments import OUTPUT, AsJson, EffortChoice, Seed, Threads
 from pwralign_kin.cli.base_options import Gravity, upwards
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
@@ -27,7 +27,7 @@ def calibrate(
     *pairs: Annotated[
         str, Parameter(help="SCAN=JOINTS: a scan and a file of its joint values (state.json, or a JointState in YAML).")
     ],
-    out: Annotated[Path | None, Parameter(help="JSON file for the result.")] = None,
+    out: Annotated[Path | None, Parameter(help="JSON file for the result.", group=OUTPUT)] = None,
     scan_options: ScanOptions = SCAN_OPTIONS,
     gravity: Gravity = None,
     effort: EffortChoice = "default",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from pwralign_kin.cli.arguments import MODEL
 from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=MODEL)
 @dataclass(frozen=True)
 class ModelOptions:
     """What a URDF does not tell of itself."""
