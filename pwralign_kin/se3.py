@@ -81,13 +81,20 @@ def orthonormalised(T: Array) -> Array:
     return out
 
 
+def as_floats(value: Any) -> Array:
+    """Return a new array of float64; raises `TypeError` or `ValueError` for what is not made of real numbers."""
+    if np.iscomplexobj(value):
+        raise TypeError("complex numbers")
+    return np.array(value, dtype=np.float64, order="C")
+
+
 def checked_placement(value: Any, name: str) -> Array:
     """Return `value` as an exactly rigid (4, 4) placement.
 
     Raises `StateError` when it is not a finite 4x4 matrix whose rotation is orthonormal within 1e-3.
     """
     try:
-        T = np.array(value, dtype=np.float64)
+        T = as_floats(value)
     except (TypeError, ValueError) as error:
         raise StateError(f"{name} is not a 4x4 matrix of numbers: {error}") from None
     if T.shape != (4, 4):

@@ -14,7 +14,7 @@ from pwralign_kin.se3 import Array, quaternion_xyzw
 from pwralign_kin.state import State
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PartEstimate:
     """One rigid part after the estimate."""
 
@@ -31,7 +31,7 @@ class PartEstimate:
     """Share of the part's surface that should be seen and is, in [0, 1]; NaN for a part without geometry."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Alternative:
     """Another answer that was found, distinct from the best one."""
 
@@ -43,7 +43,7 @@ class Alternative:
     """Whether the scan cannot tell it from the best answer (interchangeable limbs, symmetry)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What `pwralign_kin.estimate` returns."""
 

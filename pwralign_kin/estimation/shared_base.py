@@ -46,7 +46,7 @@ WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 """Robust scales (model diagonals) that scans follow another scan's base with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SharedBaseEstimate:
     """What `estimate` of several scans and `calibrate` return."""
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import math
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import kernels, se3
+from pwralign_kin import files, kernels, se3
 from pwralign_kin.exceptions import ModelError, StateError, UnknownNameError
 from pwralign_kin.model import cache
 from pwralign_kin.model.description import Description, Joint
@@ -127,8 +128,7 @@ class ArticulatedModel:
         `UnknownNameError` for an argument that the xacro does not have, `DependencyError` for a xacro without the
         extra.
         """
-        if not isinstance(path, str | os.PathLike):
-            raise ModelError(repr(path), "a URDF is named by its path")
+        files.check_path(path, partial(ModelError, "URDF"))
         path = Path(path)
         if geometry not in ("visual", "collision"):
             raise ModelError(path, f"geometry must be 'visual' or 'collision', not {geometry!r}")
@@ -234,6 +234,16 @@ class ArticulatedModel:
         """Which parts look alike and which turns map a part onto itself, lengths in model diagonals; cached on disk."""
         key = f"symmetry-{SYMMETRY_VERSION}-{SURFACE_VERSION}-{self.content_key}"
         return from_arrays(cache.load_or_build(key, lambda: as_arrays(find_symmetry(self.surfaces))))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a pickle holds: the fields. What is prepared from them is found in the cache again."""
+        return {own.name: getattr(self, own.name) for own in dataclasses.fields(self)}
+
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        """Take the fields of a pickle, which forgets that an array is read-only."""
+        self.__dict__.update(fields)
+        for limits in (self.lower, self.upper):
+            limits.flags.writeable = False
 
     def neutral(self) -> dict[str, float]:
         """Return 0 clamped into the limits, by joint name (rad or m)."""

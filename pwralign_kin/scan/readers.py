@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
+from pwralign_kin.files import check_path
 from pwralign_kin.scan.content import FileContent
 from pwralign_kin.scan.meshes import read_glb, read_obj, read_stl
 from pwralign_kin.scan.pcd import read_pcd
@@ -39,6 +41,7 @@ def read(path: Path | str) -> FileContent:
     Raises `ScanError` for a file that is missing, a folder, unreadable, of an unknown suffix, empty,
     truncated, malformed or not numeric.
     """
+    check_path(path, partial(ScanError, "scan"))
     path = Path(path)
     if path.is_dir():
         raise ScanError(path, "this is a folder, not a scan file")
