@@ -80,7 +80,7 @@ def read_joints(path: Path) -> dict[str, float]:
     from pwralign_kin.state import State
 
     try:
-        content = next(yaml.safe_load_all(path.read_text(encoding="utf-8")), None)  # `ros2 topic echo` goes on
+        content = _first_document(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StateError(f"{path}: cannot read: {error.strerror}") from None
     except (ValueError, yaml.YAMLError) as error:
@@ -96,6 +96,18 @@ def read_joints(path: Path) -> dict[str, float]:
         return dict(State(joints=content).joints)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
+
+
+def _first_document(text: str) -> Any:
+    """Return what a JSON text holds (YAML takes no tabs), or the first document of a YAML one: messages may follow."""
+    import json
+
+    import yaml
+
+    try:
+        return json.loads(text)
+    except ValueError:
+        return next(yaml.safe_load_all(text), None)
 
 
 def _of_message(names: Any, positions: Any) -> dict[str, float] | None:

@@ -52,6 +52,7 @@ MESSAGE = "header: {stamp: {sec: 1, nanosec: 2}, frame_id: ''}\nname: [elbow, sh
         '{"name": ["shoulder", "elbow"], "position": [0.5, -0.4], "velocity": []}',
         "initial_positions: {shoulder: 0.5, elbow: -0.4}",
         "shoulder: 0.5\nelbow: -0.4\n",
+        '{\n\t"shoulder": 0.5,\n\t"elbow": -0.4\n}',
     ],
 )
 def test_joint_values_in_every_form(tmp_path: Path, content: str) -> None:
