@@ -334,7 +334,8 @@ class AnswerSearch:
     @property
     def _nothing_placed(self) -> CorrespondenceError:
         if not self.options.sources:
-            return CorrespondenceError("estimate", "the correspondences place no part of the model in the scan")
+            fault = "no part could be placed in the scan: without sources only correspondences do, and none does"
+            return CorrespondenceError("estimate", fault)
         return CorrespondenceError(
             "estimate",
             "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "

@@ -85,7 +85,8 @@ def calibrate(
     that are not named are estimated. Raises what `estimate` raises, and `StateError` when there is not one set of
     values a scan.
     """
-    if not isinstance(joints, Sequence) or not all(isinstance(values, Mapping | State) for values in joints):
+    sets = isinstance(joints, Sequence) and all(isinstance(values, Mapping | State) for values in joints)
+    if isinstance(scans, Scan) or not sets:
         raise StateError("calibrate takes a sequence of scans and one of joint values, a set by name for each scan")
     _check_scans(scans)
     if len(joints) != len(scans):

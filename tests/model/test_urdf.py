@@ -447,6 +447,7 @@ def test_xacro_finds_packages(write_urdf: WriteUrdf, tmp_path: Path) -> None:
 XACRO = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 ARGUMENTS = '<xacro:arg name="name"/><xacro:arg name="wide" default="false"/><xacro:arg name="tool"/>'
 
+
 def test_xacro_arguments(write_urdf: WriteUrdf) -> None:
     pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
     body = ARGUMENTS + link("$(arg tool)")
