@@ -6,9 +6,9 @@ import math
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli.codes import UsageError
@@ -17,19 +17,32 @@ from pwralign_kin.exceptions import ExportError
 if TYPE_CHECKING:
     from pwralign_kin.se3 import Array
 
-Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
+OUTPUT, GUESS, SCAN, MODEL, SEARCH = (
+    Group(name, sort_key=place)
+    for place, name in enumerate(("Output", "Guess and knowledge", "Scan", "Model", "Search"), start=1)
+)
+"""Under which options stand in the help of a verb."""
 
-EffortChoice = Annotated[Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.")]
+Seed = Annotated[
+    int,
+    Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32), group=SEARCH),
+]
 
-AsJson = Annotated[bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)]
+EffortChoice = Annotated[
+    Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.", group=SEARCH)
+]
 
-Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))]
+AsJson = Annotated[
+    bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False, group=OUTPUT)
+]
+
+Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0), group=SEARCH)]
 
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
-Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
+Joints = Annotated[list[str] | None, Parameter("--joint", negative=(), group=GUESS)]
 
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
@@ -56,28 +69,51 @@ def locked_names(names: Iterable[str] | None) -> tuple[str, ...]:
 
 
 def read_joints(path: Path) -> dict[str, float]:
-    """Return {name: value} of a JSON file: a state.json, or an object of names and values.
+    """Return {name: value} of a JSON or YAML file in any form that this program or ROS writes joint values in.
 
-    Raises `StateError` naming the file and what is wrong.
+    That is an object of names and values, by itself or as "joints" (a state.json) or "initial_positions", or a
+    sensor_msgs/JointState. Raises `StateError` naming the file and what is wrong.
     """
-    import json
+    import yaml
 
     from pwralign_kin.exceptions import StateError
     from pwralign_kin.state import State
 
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = _first_document(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StateError(f"{path}: cannot read: {error.strerror}") from None
-    except ValueError as error:
-        raise StateError(f"{path}: not JSON: {error}") from None
-    joints = content.get("joints", content) if isinstance(content, dict) else content
-    if not isinstance(joints, dict) or not joints:
-        raise StateError(f"{path}: expected an object of joint names and values")
+    except (ValueError, yaml.YAMLError) as error:
+        raise StateError(f"{path}: neither JSON nor YAML: {' '.join(str(error).split())}") from None
+    if isinstance(content, dict):
+        if {"name", "position"} <= content.keys():
+            content = _of_message(content["name"], content["position"])
+        else:
+            content = content.get("joints", content.get("initial_positions", content))
+    if not isinstance(content, dict) or not content:
+        raise StateError(f"{path}: expected an object of joint names and values, or a sensor_msgs/JointState")
     try:
-        return dict(State(joints=joints).joints)
+        return dict(State(joints=content).joints)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
+
+
+def _first_document(text: str) -> Any:
+    """Return what a JSON text holds (YAML takes no tabs), or the first document of a YAML one: messages may follow."""
+    import json
+
+    import yaml
+
+    try:
+        return json.loads(text)
+    except ValueError:
+        return next(yaml.safe_load_all(text), None)
+
+
+def _of_message(names: Any, positions: Any) -> dict[str, float] | None:
+    """Return the values by name of a JointState; None where it is none."""
+    paired = isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)
+    return dict(zip(map(str, names), positions, strict=True)) if paired else None
 
 
 def known_names(kind: str, text: str | None, valid: Iterable[str]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from pwralign_kin.cli.arguments import Box, Pose, Triple, placement
+from pwralign_kin.cli.arguments import GUESS, Box, Pose, Triple, placement
 from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 
 Gravity = Annotated[
     Triple | None,
-    Parameter(help="x y z: the direction in the scan in which things fall, against the model's z.", negative=()),
+    Parameter(
+        help="x y z: the direction in the scan in which things fall, against the model's z.", negative=(), group=GUESS
+    ),
 ]
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=GUESS)
 @dataclass(frozen=True)
 class BaseOptions:
     """Where the root link is. Raises `UsageError` for a standard deviation of nothing."""
@@ -68,5 +70,10 @@ BASE_OPTIONS = BaseOptions()
 
 
 def upwards(gravity: Triple | None) -> Triple | None:
-    """Return the direction that is up, of any length."""
-    return None if gravity is None else (-gravity[0], -gravity[1], -gravity[2])
+    """Return the direction that is up, of any length; raises `UsageError` for numbers that are no direction."""
+    if gravity is None:
+        return None
+    if not 1e-9 < math.hypot(*gravity) < math.inf:
+        given = " ".join(f"{value:g}" for value in gravity)
+        raise UsageError(f"--gravity takes the direction in which things fall, such as 0 0 -1, not {given}.")
+    return -gravity[0], -gravity[1], -gravity[2]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import AsJson, EffortChoice, Joints, Seed, Threads
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Joints, Seed, Threads
 from pwralign_kin.cli.base_options import BASE_OPTIONS, BaseOptions
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
@@ -27,30 +27,37 @@ def estimate(
     scan: ScanPath,
     /,
     *more: Annotated[Path, Parameter(help="Further scans of the same model, sensor and base in the same places.")],
-    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None,
-    initial: Annotated[Path | None, Parameter(help="A state.json to start from.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.", group=OUTPUT)] = None,
+    initial: Annotated[Path | None, Parameter(help="A state.json to start from.", group=GUESS)] = None,
     joint: Annotated[
         Joints,
         Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."),
     ] = None,
     lock: Annotated[
         list[str] | None,
-        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
+        Parameter(
+            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
+            negative=(),
+            group=GUESS,
+        ),
     ] = None,
     base_options: BaseOptions = BASE_OPTIONS,
     scan_options: ScanOptions = SCAN_OPTIONS,
     correspondences: Annotated[
-        Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
+        Path | None,
+        Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).", group=GUESS),
     ] = None,
     solid: Annotated[
-        bool, Parameter(help="Parts that no joint connects may not be inside each other.", negative=())
+        bool,
+        Parameter(help="Parts that no joint connects may not be inside each other.", negative=(), group=SEARCH),
     ] = False,
     effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
     model_options: ModelOptions = MODEL_OPTIONS,
     up: Annotated[
-        Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
+        Literal["x", "y", "z", "-x", "-y", "-z"],
+        Parameter(help="Up axis of the scan, for GLB and picture.", group=OUTPUT),
     ] = "z",
     threads: Threads = 0,
 ) -> int:

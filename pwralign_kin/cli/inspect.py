@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from pwralign_kin.scan import Scan
 
 
+SCENE = 2.0
+"""A scan so many times as large as the model shows more than the model."""
+
+
 def inspect(
     urdf: Urdf,
     scan: ScanPath | None = None,
@@ -42,7 +46,7 @@ def _missing(error: MissingMeshError) -> str:
     rows = [
         (mesh if place == 0 else "", str(path))
         for mesh, paths in error.meshes.items()
-        for place, path in enumerate(paths or ["its package is in no package folder"])
+        for place, path in enumerate(paths or ["no package of this name is found"])
     ]
     return table(("missing mesh", "looked for at"), rows)
 
@@ -104,12 +108,16 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     ]
     dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
     unit = likely_unit(scan, model.diagonal)
+    ratio = METRES[unit] * scan.diagonal / model.diagonal
+    likely = unit if unit == "m" else f"{unit}: use --units {unit}"
+    if unit == "m" and ratio > SCENE:
+        likely += ", if it shows more than the model; else it is in a unit that is not read: scale it to m"
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
-        ("extent", " x ".join(f"{length:.4g}" for length in scan.extent)),
-        ("beside the model", f"{METRES[unit] * scan.diagonal / model.diagonal:.3g} times as large"),
-        ("likely unit", unit if unit == "m" else f"{unit}: use --units {unit}"),
+        ("likely unit", likely),
+        ("extent", f"{' x '.join(f'{length:.4g}' for length in scan.extent)} {unit}"),
+        ("beside the model", f"in {unit} {ratio:.3g} times as large"),
         ("sensor origin", origin),
         ("normals", "none" if scan.normals is None else "given"),
     ]

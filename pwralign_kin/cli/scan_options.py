@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from pwralign_kin.cli.arguments import Box, Pose, Triple, placement
+from pwralign_kin.cli.arguments import SCAN, Box, Pose, Triple, placement
 from pwralign_kin.cli.codes import UsageError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ Units = Literal["m", "cm", "mm", "in", "auto"]
 _STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SCAN)
 @dataclass(frozen=True)
 class CameraOptions:
     """The camera of depth images."""
@@ -57,7 +57,7 @@ class CameraOptions:
 CAMERA_OPTIONS = CameraOptions()
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SCAN)
 @dataclass(frozen=True)
 class ScanOptions:
     """What scan files do not tell of themselves, and hints where the model is."""
@@ -105,6 +105,11 @@ class ScanOptions:
 
         Raises `UsageError` for hints where the scans differ in their units, and what `in_metres` raises.
         """
+        from pwralign_kin.scan import check_named_unit
+
+        if self.units != "auto":
+            for scan in scans:
+                check_named_unit(scan, diagonal, self.units)
         converted = [in_metres(scan, self.units, diagonal) for scan in scans]
         unit = converted[0][1]
         if (self.near or self.region) and any(own != unit for _, own in converted):

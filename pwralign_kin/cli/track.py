@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import AsJson, Joints, Seed, Threads, Triple
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Joints, Seed, Threads, Triple
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres
@@ -25,27 +25,40 @@ def track(
         Path,
         Parameter(help="Scans or 16-bit PNG depth images, a folder of them, an NPZ sequence, or a ROS 2 bag."),
     ],
-    out: Annotated[Path | None, Parameter(help="Folder for joints.csv, base.tum and track.json.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for joints.csv, base.tum and track.json.", group=OUTPUT)] = None,
     mcap: Annotated[
-        bool, Parameter(help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=())
+        bool,
+        Parameter(
+            help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=(), group=OUTPUT
+        ),
     ] = False,
-    initial: Annotated[Path | None, Parameter(help="A state.json: where the model is in the first frame.")] = None,
+    initial: Annotated[
+        Path | None, Parameter(help="A state.json: where the model is in the first frame.", group=GUESS)
+    ] = None,
     joint: Annotated[
         Joints, Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated.")
     ] = None,
     lock: Annotated[
         list[str] | None,
-        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
+        Parameter(
+            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
+            negative=(),
+            group=GUESS,
+        ),
     ] = None,
-    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0,
+    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.", group=SCAN)] = 30.0,
     camera: CameraOptions = CAMERA_OPTIONS,
     sensor_origin: Annotated[
-        Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
+        Triple | None,
+        Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=(), group=SCAN),
     ] = None,
-    topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None,
-    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.")] = "m",
+    topic: Annotated[
+        str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.", group=SCAN)
+    ] = None,
+    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.", group=SCAN)] = "m",
     time_limit: Annotated[
-        float | None, Parameter(help="Seconds that a frame may take; results then depend on the machine.")
+        float | None,
+        Parameter(help="Seconds that a frame may take; results then depend on the machine.", group=SEARCH),
     ] = None,
     seed: Seed = 0,
     json: AsJson = False,

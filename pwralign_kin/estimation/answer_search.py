@@ -365,8 +365,14 @@ class AnswerSearch:
 
     @property
     def _nothing_placed(self) -> CorrespondenceError:
-        sources = self.options.sources
-        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+        if not self.options.sources:
+            fault = "no part could be placed in the scan: without sources only correspondences do, and none does"
+            return CorrespondenceError("estimate", fault)
+        return CorrespondenceError(
+            "estimate",
+            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
+            "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
+        )
 
 
 def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:

@@ -17,7 +17,7 @@ SEEN_POINTS = 15
 """Scan points from which a part counts as seen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PartEstimate:
     """One rigid part after the estimate."""
 
@@ -39,7 +39,7 @@ class PartEstimate:
         return self.points >= SEEN_POINTS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Alternative:
     """Another answer that was found, distinct from the best one."""
 
@@ -51,7 +51,7 @@ class Alternative:
     """Whether the scan cannot tell it from the best answer (interchangeable limbs, symmetry)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What `pwralign_kin.estimate` returns."""
 
@@ -158,7 +158,7 @@ class Estimate:
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
             f"support {self.model_support:.1%} of the {'visible' if self.viewpoint_known else 'whole'} model   "
             f"inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
-            f"base {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            f"base link {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
             "",
             *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]

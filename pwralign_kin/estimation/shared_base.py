@@ -47,7 +47,7 @@ WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 """Robust scales (model diagonals) that scans follow another scan's base with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SharedBaseEstimate:
     """What `estimate` of several scans and `calibrate` return."""
 
@@ -113,7 +113,7 @@ class SharedBaseEstimate:
         x, y, z = self.T_scan_base[:3, 3]
         quaternion = " ".join(f"{v:.5f}" for v in se3.quaternion_xyzw(self.T_scan_base))
         lines = [
-            f"base {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
+            f"base link {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
             f"standard deviation {1e3 * self.translation_std:.2f} mm, {np.degrees(self.rotation_std):.3f} deg   "
             f"confidence {self.confidence:.2f}",
             "",

@@ -11,8 +11,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from pwralign_kin import se3
 from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model.description import Color, Description, Joint, Link, Mimic, Origin, Shape, Triple, triple
 from pwralign_kin.model.joint_chains import floating_chain, planar_chain, virtual_link
+from pwralign_kin.model.packages import NO_FOLDERS, PackageFolders
 from pwralign_kin.model.urdf_source import parse_xml, read_source, well_declared
 
 if TYPE_CHECKING:
@@ -28,21 +30,28 @@ if TYPE_CHECKING:
 
 GeometryKind = Literal["visual", "collision"]
 
+NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
+
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 
 LARGEST_NUMBER = 1e9
 """No length, angle or factor of a real model is larger; limits beyond it mean "unlimited"."""
 
 
-def read_urdf(path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual") -> Description:
-    """Read the URDF (or, with suffix .xacro, the xacro) at `path` with its `geometry`.
+def read_urdf(
+    path: Path,
+    packages: PackageFolders = NO_FOLDERS,
+    geometry: GeometryKind = "visual",
+    xacro_args: Mapping[str, str] = NO_ARGUMENTS,
+) -> Description:
+    """Read the URDF (or, with suffix .xacro, the xacro with `xacro_args`) at `path` with its `geometry`.
 
     Where the whole URDF has no geometry of that kind, the other kind serves, with a warning. A single link
     that lacks the kind in use has no surface: collision hulls, often padded or crude, would put surface where
     none is. Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro
     extra.
     """
-    written = read_source(path, package_dirs)
+    written = read_source(path, packages, xacro_args)
     source = well_declared(written)
     description = _Reader(geometry).read(parse_xml(source, path), path)
     mended = () if source == written else ("its XML declaration is malformed: read as XML 1.0",)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pwralign_kin.exceptions import DependencyError, ModelError
+from pwralign_kin.exceptions import DependencyError, ModelError, UnknownNameError
+from pwralign_kin.model.packages import PackageFolders, folders_in
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
@@ -17,8 +19,8 @@ DECLARED_WITHIN = 4096
 """Bytes at the start of a file in which its XML declaration is looked for."""
 
 
-def read_source(path: Path, package_dirs: Sequence[Path]) -> bytes:
-    """Return the bytes of the URDF at `path`, after xacro where the suffix says so.
+def read_source(path: Path, packages: PackageFolders, xacro_args: Mapping[str, str]) -> bytes:
+    """Return the bytes of the URDF at `path`, after xacro with `xacro_args` where the suffix says so.
 
     Raises `ModelError`, and `DependencyError` for a xacro without the xacro extra.
     """
@@ -27,44 +29,93 @@ def read_source(path: Path, package_dirs: Sequence[Path]) -> bytes:
     if not path.is_file():
         raise ModelError(path, "not a file")
     if path.suffix == ".xacro":
-        return _expand_xacro(path, package_dirs)
+        return _expand_xacro(path, packages, xacro_args)
+    if xacro_args:
+        raise ModelError(path, "takes no xacro arguments: its name does not end in .xacro")
     try:
         return path.read_bytes()
     except OSError as error:
         raise ModelError(path, f"cannot read: {error.strerror}") from None
 
 
-def _expand_xacro(path: Path, package_dirs: Sequence[Path]) -> bytes:
+def _expand_xacro(path: Path, packages: PackageFolders, values: Mapping[str, str]) -> bytes:
     try:
         import xacrodoc
     except ImportError:
         remedy = 'pip install "pwralign-kin[xacro]"'
         raise DependencyError(f"{path.name} is a xacro, and xacrodoc is not installed", remedy) from None
+    with _declared_arguments(values) as declared:
+        try:
+            xacrodoc.packages.reset()
+            xacrodoc.packages.update_package_cache(_packages(path, packages))
+            urdf = str(xacrodoc.XacroDoc.from_file(str(path), subargs=dict(values)).to_urdf_string())
+        except Exception as error:  # xacro evaluates the file's own expressions: anything may come out
+            raise ModelError(path, _xacro_fault(" ".join(str(error).split()), declared, values)) from None
+    missing = [name for name, has_default in declared.items() if not has_default and name not in values]
+    if missing:
+        raise ModelError(path, _missing_arguments(missing))
+    unknown = [name for name in values if name not in declared]
+    if unknown:
+        raise UnknownNameError(f"xacro argument of {path.name}", unknown[0], declared)
+    return urdf.encode()
+
+
+@contextmanager
+def _declared_arguments(values: Mapping[str, str]) -> Iterator[dict[str, bool]]:
+    """Collect the names of <xacro:arg> while xacro runs, and whether each has a default.
+
+    xacro itself refuses one without a default, even where it is given a value.
+    """
+    import xacro
+
+    declared: dict[str, bool] = {}
+    check = xacro.check_attrs
+
+    def collect(element: Any, required: list[str], optional: list[str]) -> Any:
+        if element.tagName == "xacro:arg":
+            name = element.getAttribute("name")
+            declared.setdefault(name, element.hasAttribute("default"))
+            if not element.hasAttribute("default"):
+                element.setAttribute("default", values.get(name, ""))
+        return check(element, required, optional)
+
+    xacro.check_attrs = collect
     try:
-        xacrodoc.packages.reset()
-        xacrodoc.packages.update_package_cache(_packages(path, package_dirs))
-        return str(xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()).encode()
-    except Exception as error:  # xacro evaluates the file's own expressions: anything may come out
-        raise ModelError(path, f"xacro fails: {' '.join(str(error).split())}") from None
+        yield declared
+    finally:
+        xacro.check_attrs = check
 
 
-def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, Path]:
-    """Return packages by name: those in `package_dirs`, those beside the folders above the file, and those folders.
+def _xacro_fault(reason: str, declared: Mapping[str, bool], values: Mapping[str, str]) -> str:
+    """Return what is wrong, and what the user can do about it."""
+    undefined = re.search(r"Undefined substitution argument (\S+)", reason)
+    if undefined:
+        others = [name for name, has_default in declared.items() if not has_default and name not in values]
+        return _missing_arguments(dict.fromkeys([undefined[1], *others]))
+    package = re.search(r"Package not found: (\S+)", reason)
+    if package:
+        return (
+            f"xacro finds no package {package[1]!r}: name a folder that contains it with package_dirs / --package-dir"
+        )
+    return f"xacro fails: {reason}"
+
+
+def _missing_arguments(names: Iterable[str]) -> str:
+    listed = ", ".join(map(repr, names))
+    remedy = " ".join(f"--xacro-arg {name}=VALUE" for name in names)
+    return f"the xacro needs a value of its argument {listed}: give it with xacro_args / {remedy}"
+
+
+def _packages(path: Path, packages: PackageFolders) -> dict[str, Path]:
+    """Return packages by name: those in `packages`, those beside the folders above the file, and those folders.
 
     Distributions of robots often leave out `package.xml`.
     """
     above = path.absolute().parents[:4]
-    beside = [entry for folder in above for entry in _folders(folder)]
+    beside = [entry for folder in above for entry in folders_in(folder)]
     marked = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
-    given = {entry.name: entry for folder in package_dirs for entry in (folder, *_folders(folder))}
-    return {entry.name: entry for entry in (*beside, *above)} | marked | given
-
-
-def _folders(folder: Path) -> list[Path]:
-    try:
-        return sorted(entry for entry in folder.iterdir() if entry.is_dir())
-    except OSError:
-        return []
+    given = {entry.name: entry for folder in packages for entry in (folder, *folders_in(folder))}
+    return {entry.name: entry for entry in (*beside, *above)} | packages.below | marked | given
 
 
 def well_declared(source: bytes) -> bytes:

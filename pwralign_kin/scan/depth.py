@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import ScanError
+from pwralign_kin.files import check_path
 from pwralign_kin.scan.scan import Scan, checked_intrinsics
 from pwralign_kin.se3 import Array, checked_placement
 
@@ -19,7 +21,7 @@ MILLIMETRES = 0.001
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """A depth image and its pinhole camera.
+    """A depth image and its pinhole camera; one without any return is a frame in which nothing is seen.
 
     Raises `ScanError` for wrong shapes or numbers, `StateError` for a `T_scan_camera` that is not rigid.
     """
@@ -69,6 +71,7 @@ class DepthFrame:
         """
         from PIL import Image, UnidentifiedImageError
 
+        check_path(path, partial(ScanError, "depth image"))
         path = Path(path)
         if intrinsics is None:
             raise ScanError(path, "a depth image needs the intrinsics of its camera: fx fy cx cy, pixels")

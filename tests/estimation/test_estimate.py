@@ -250,6 +250,8 @@ def test_unknown_joints_are_named() -> None:
         ({"prior": {"elbow": "a"}}, "elbow"),
         ({"prior": [1.0]}, "prior must map"),
         ({"prior_std": {"elbow": None}}, "elbow"),
+        ({"prior_std": {"elbow": 0.1}}, "prior={'elbow': ...}"),
+        ({"prior_std": {"elbow": 0.1}, "prior": {"wrist": 0.1}}, "give its value too"),
         ({"locked": "elbow"}, "several names"),
         ({"sources": "pairs"}, "several names"),
         ({"search": None}, "SearchOptions"),
