@@ -46,6 +46,8 @@ _HOME = {
     "simulate": "simulation",
 }
 
+__version__: str
+
 __all__ = [
     "Alternative",
     "ArticulatedModel",
@@ -63,6 +65,7 @@ __all__ = [
     "TrackedFrame",
     "Tracker",
     "TrackerOptions",
+    "__version__",
     "calibrate",
     "estimate",
     "simulate",
@@ -71,6 +74,15 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import public names on first use, so that `pwralign --help` loads none of the heavy libraries."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("pwralign-kin")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported or not."""
+    return sorted(__all__)

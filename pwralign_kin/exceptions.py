@@ -30,10 +30,10 @@ class MissingMeshError(ModelError):
         self.meshes = meshes
         names = ", ".join(meshes)
         tried = next(iter(meshes.values()))
-        where = " or ".join(str(p) for p in tried) if tried else "nowhere: its package is in no package folder"
+        where = f"looked for the first at {' or '.join(map(str, tried))}" if tried else "no package of the first's name"
         super().__init__(
             path,
-            f"{len(meshes)} missing mesh{'es' if len(meshes) > 1 else ''}: {names} (looked for the first at {where}); "
+            f"{len(meshes)} missing mesh{'es' if len(meshes) > 1 else ''}: {names} ({where}); "
             "name the folders that contain its packages with package_dirs / --package-dir",
         )
 
@@ -69,7 +69,7 @@ class UnknownNameError(PwralignError):
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.name = name
         self.valid = tuple(valid)
-        close = get_close_matches(name, self.valid, n=1)
+        close = get_close_matches(name, self.valid, n=1, cutoff=0.65)
         hint = f"did you mean {close[0]!r}?" if close else "valid: " + ", ".join(self.valid)
         super().__init__(f"no {kind} named {name!r}; {hint}")
 

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pwralign_kin.exceptions import ExportError
+from pwralign_kin.exceptions import ExportError, PwralignError
+
+
+def check_path(path: object, error: Callable[[str], PwralignError]) -> None:
+    """Raise `error` of a text where `path` cannot name a file or folder."""
+    if not isinstance(path, str | os.PathLike):
+        raise error(f"expected a path, got {type(path).__name__}")
 
 
 @contextmanager

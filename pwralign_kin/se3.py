@@ -81,17 +81,26 @@ def orthonormalised(T: Array) -> Array:
     return out
 
 
+def as_floats(value: Any) -> Array:
+    """Return a new array of float64; raises `TypeError` or `ValueError` for what is not made of real numbers."""
+    if np.iscomplexobj(value):
+        raise TypeError("complex numbers")
+    return np.array(value, dtype=np.float64, order="C")
+
+
 def checked_placement(value: Any, name: str) -> Array:
     """Return `value` as an exactly rigid (4, 4) placement.
 
     Raises `StateError` when it is not a finite 4x4 matrix whose rotation is orthonormal within 1e-3.
     """
     try:
-        T = np.array(value, dtype=np.float64)
+        T = as_floats(value)
     except (TypeError, ValueError) as error:
         raise StateError(f"{name} is not a 4x4 matrix of numbers: {error}") from None
-    if T.shape != (4, 4) or not np.isfinite(T).all():
-        raise StateError(f"{name} must be a finite 4x4 matrix, got shape {T.shape}")
+    if T.shape != (4, 4):
+        raise StateError(f"{name} must be a 4x4 matrix, got shape {T.shape}")
+    if not np.isfinite(T).all():
+        raise StateError(f"{name} holds numbers that are not finite")
     rigid = orthonormalised(T)
     if np.abs(rigid - T).max() > 1e-3:
         raise StateError(
@@ -103,7 +112,7 @@ def checked_placement(value: Any, name: str) -> Array:
 def from_quaternion(translation: Array, xyzw: Array) -> Array:
     """Return the placement with `translation` (3,) and the quaternion `xyzw` (4,), normalised here.
 
-    Raises `StateError` for a zero or non-finite quaternion.
+    Raises `StateError` for a zero or non-finite quaternion, or a translation that is not finite.
     """
     from scipy.spatial.transform import Rotation
 
@@ -112,6 +121,8 @@ def from_quaternion(translation: Array, xyzw: Array) -> Array:
         raise StateError(
             f"quaternion x y z w must be four finite numbers, not all zero, got {np.asarray(xyzw).tolist()}"
         )
+    if not np.isfinite(translation).all():
+        raise StateError(f"x y z must be finite numbers, got {np.asarray(translation).tolist()}")
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(q).as_matrix()
     T[:3, 3] = translation

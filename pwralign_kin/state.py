@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pwralign_kin import files
-from pwralign_kin.exceptions import StateError
+from pwralign_kin.exceptions import ExportError, StateError
 from pwralign_kin.se3 import Array, checked_placement
 
 
@@ -30,11 +31,26 @@ def checked_joints(joints: Mapping[str, float], what: str) -> dict[str, float]:
     return checked
 
 
-@dataclass(frozen=True)
+class JointValues(dict[str, float]):
+    """Values by joint name that never change; everything that would change them raises `TypeError`."""
+
+    def _refused(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("the joint values of a state never change: make another State")
+
+    __setitem__ = __delitem__ = __ior__ = _refused
+    clear = pop = popitem = setdefault = update = _refused
+
+    def __reduce__(self) -> tuple[type[JointValues], tuple[dict[str, float]]]:
+        """Pickle and copy as made anew: the usual way would fill an empty one."""
+        return JointValues, (dict(self),)
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """Base placement and joint values by name.
 
-    The same type is the initial guess, the truth of a simulated scan, and one frame of a track.
+    The same type is the initial guess, the truth of a simulated scan, and one frame of a track. States are equal whose
+    numbers and base link are.
     Raises `StateError` for a placement that is not rigid or a joint value that is not a finite number.
     """
 
@@ -54,7 +70,23 @@ class State:
         object.__setattr__(self, "T_scan_base", T)
         if not isinstance(self.base_link, str | None):
             raise StateError(f"base_link must be the name of a link or None, not {self.base_link!r}")
-        object.__setattr__(self, "joints", checked_joints(self.joints, "joints"))
+        object.__setattr__(self, "joints", JointValues(checked_joints(self.joints, "joints")))
+
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        """Take the fields of a pickle, which forgets that an array is read-only."""
+        self.__dict__.update(fields)
+        self.T_scan_base.flags.writeable = False
+
+    def __eq__(self, other: object) -> bool:
+        """Whether placement, joint values and base link are the same numbers and names."""
+        if not isinstance(other, State):
+            return NotImplemented
+        same_names = (self.joints, self.base_link) == (other.joints, other.base_link)
+        return same_names and np.array_equal(self.T_scan_base, other.T_scan_base)
+
+    def __hash__(self) -> int:
+        """Equal states have equal hashes."""
+        return hash((tuple(self.T_scan_base.ravel().tolist()), frozenset(self.joints.items()), self.base_link))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `state.json`."""
@@ -77,6 +109,7 @@ class State:
     @classmethod
     def load(cls, path: Path | str) -> State:
         """Read a `state.json`; raises `StateError` when it is missing, unreadable or malformed."""
+        files.check_path(path, StateError)
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
@@ -87,4 +120,5 @@ class State:
 
     def save(self, path: Path | str) -> None:
         """Write a `state.json`, whole or not at all; raises `ExportError`."""
+        files.check_path(path, partial(ExportError, "state"))
         files.write_text(path, json.dumps(self.to_dict(), indent=2) + "\n")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -48,10 +50,20 @@ def test_commands_run(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
         assert code == 0, f"{command}\n{capsys.readouterr().err}"
 
 
+def _options(verb: Callable[..., object]) -> set[str]:
+    """Names of the options of a verb, those in dataclasses one by one."""
+
+    def names(name: str, default: object) -> set[str]:
+        if not dataclasses.is_dataclass(default):
+            return {name.replace("_", "-")}
+        return set().union(*(names(field.name, field.default) for field in dataclasses.fields(default)))
+
+    return set().union(*(names(*option) for option in (verb.__kwdefaults__ or {}).items()))
+
+
 def test_every_option_of_estimate_is_in_the_table(readme: str) -> None:
     listed = set(re.findall(r"^\| `--([a-z-]+)", readme, flags=re.MULTILINE))
-    keywords = estimate.__kwdefaults__ or {}
-    assert listed == {name.replace("_", "-") for name in keywords}
+    assert listed == _options(estimate)
 
 
 def test_every_option_of_the_other_verbs_is_documented(readme: str, repository: Path) -> None:
@@ -59,8 +71,8 @@ def test_every_option_of_the_other_verbs_is_documented(readme: str, repository: 
     told = readme + "".join(document.read_text(encoding="utf-8") for document in documents)
     for verb in VERBS:
         function = getattr(importlib.import_module(f"pwralign_kin.cli.{verb}"), verb)
-        for name in function.__kwdefaults__ or {}:
-            assert f"--{name.replace('_', '-')}" in told, verb
+        for name in _options(function):
+            assert f"--{name}" in told, verb
 
 
 def test_every_file_and_figure_of_the_result_is_explained(readme: str, repository: Path) -> None:

@@ -28,6 +28,15 @@ VERBS = {
 """Each verb is a module of this package with a function of the same name."""
 
 
+EXAMPLES = {
+    "estimate": (
+        "pwralign estimate robot.urdf scan.ply --out result",
+        "pwralign estimate robot.urdf room.ply --gravity 0 0 -1 --near 1 0 0.8",
+    ),
+}
+"""What the help of a verb shows besides its options."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `pwralign` with `arguments` (those of the process by default) and return its exit code."""
     from cyclopts import CycloptsError
@@ -38,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
             sys.stdout.flush()
         except (CycloptsError, UsageError) as error:
-            return messages.complain(f"{error} See pwralign --help.", USAGE)
+            verb = f"{tokens[0]} " if tokens and tokens[0] in VERBS else ""
+            return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
         except PwralignError as error:
             return messages.complain(str(error), BAD_INPUT)
         except KeyboardInterrupt:
@@ -69,7 +79,8 @@ def _app() -> App:
         version=_version,
     )
     for place, (verb, summary) in enumerate(VERBS.items()):
-        app.command(f"{__name__}.{verb}:{verb}", name=verb, help=summary, sort_key=place)
+        text = "\n\n".join([summary, *(f"Example: {example}" for example in EXAMPLES.get(verb, ()))])
+        app.command(f"{__name__}.{verb}:{verb}", name=verb, help=text, sort_key=place)
     return app
 
 

@@ -4,84 +4,45 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.exceptions import ExportError
 
 if TYPE_CHECKING:
-    from pwralign_kin.model import ArticulatedModel
-    from pwralign_kin.scan import Scan
     from pwralign_kin.se3 import Array
 
-Urdf = Annotated[Path, Parameter(help="The model: a URDF file (or a xacro, with the xacro extra).")]
+OUTPUT, GUESS, SCAN, MODEL, SEARCH = (
+    Group(name, sort_key=place)
+    for place, name in enumerate(("Output", "Guess and knowledge", "Scan", "Model", "Search"), start=1)
+)
+"""Under which options stand in the help of a verb."""
 
-ScanPath = Annotated[Path, Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ or a mesh (OBJ, STL, GLB).")]
-
-PackageDirs = Annotated[
-    list[Path] | None,
-    Parameter(help="A folder that contains packages of the URDF; may be repeated.", negative=()),
+Seed = Annotated[
+    int,
+    Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32), group=SEARCH),
 ]
 
-GeometryChoice = Annotated[
-    Literal["visual", "collision"], Parameter(help="Which elements of the URDF give the links their shape.")
+EffortChoice = Annotated[
+    Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.", group=SEARCH)
 ]
 
-MeshUnitsChoice = Annotated[
-    Literal["ignore", "apply"],
-    Parameter(help="Whether the unit that a DAE mesh names scales it; most readers ignore it."),
+AsJson = Annotated[
+    bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False, group=OUTPUT)
 ]
 
-Units = Annotated[
-    Literal["m", "cm", "mm", "in", "auto"],
-    Parameter(help="Unit of the scan file; auto: another one where m makes no sense beside the model."),
-]
-
-Seed = Annotated[int, Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32))]
-
-EffortChoice = Annotated[Literal["fast", "default", "thorough"], Parameter(help="How long answers are looked for.")]
-
-AsJson = Annotated[bool, Parameter(help="Print JSON, and nothing else, on stdout.", negative=(), show_default=False)]
-
-Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0))]
+Threads = Annotated[int, Parameter(help="Threads; 0 for one per core.", validator=Number(gte=0), group=SEARCH)]
 
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
-Gravity = Annotated[
-    Triple | None,
-    Parameter(help="x y z: the direction in the scan in which things fall, against the model's z.", negative=()),
-]
-
-Near = Annotated[
-    Triple | None, Parameter(help="x y z: a point on the object, to find it in a scene; unit of the scan.", negative=())
-]
-
-Region = Annotated[
-    Box | None,
-    Parameter(
-        help="xmin ymin zmin xmax ymax zmax: a box that the object is in; unlike with --crop, what is outside still "
-        "tells hidden from free space.",
-        negative=(),
-    ),
-]
-
-Crop = Annotated[
-    Box | None, Parameter(help="xmin ymin zmin xmax ymax zmax: use only these points; unit of the scan.", negative=())
-]
-
-Joints = Annotated[list[str] | None, Parameter("--joint", negative=())]
-
-
-def upwards(gravity: Triple | None) -> Triple | None:
-    """Return the direction that is up, of any length."""
-    return None if gravity is None else (-gravity[0], -gravity[1], -gravity[2])
+Joints = Annotated[list[str] | None, Parameter("--joint", negative=(), group=GUESS)]
 
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
@@ -108,28 +69,51 @@ def locked_names(names: Iterable[str] | None) -> tuple[str, ...]:
 
 
 def read_joints(path: Path) -> dict[str, float]:
-    """Return {name: value} of a JSON file: a state.json, or an object of names and values.
+    """Return {name: value} of a JSON or YAML file in any form that this program or ROS writes joint values in.
 
-    Raises `StateError` naming the file and what is wrong.
+    That is an object of names and values, by itself or as "joints" (a state.json) or "initial_positions", or a
+    sensor_msgs/JointState. Raises `StateError` naming the file and what is wrong.
     """
-    import json
+    import yaml
 
     from pwralign_kin.exceptions import StateError
     from pwralign_kin.state import State
 
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = _first_document(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StateError(f"{path}: cannot read: {error.strerror}") from None
-    except ValueError as error:
-        raise StateError(f"{path}: not JSON: {error}") from None
-    joints = content.get("joints", content) if isinstance(content, dict) else content
-    if not isinstance(joints, dict) or not joints:
-        raise StateError(f"{path}: expected an object of joint names and values")
+    except (ValueError, yaml.YAMLError) as error:
+        raise StateError(f"{path}: neither JSON nor YAML: {' '.join(str(error).split())}") from None
+    if isinstance(content, dict):
+        if {"name", "position"} <= content.keys():
+            content = _of_message(content["name"], content["position"])
+        else:
+            content = content.get("joints", content.get("initial_positions", content))
+    if not isinstance(content, dict) or not content:
+        raise StateError(f"{path}: expected an object of joint names and values, or a sensor_msgs/JointState")
     try:
-        return dict(State(joints=joints).joints)
+        return dict(State(joints=content).joints)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
+
+
+def _first_document(text: str) -> Any:
+    """Return what a JSON text holds (YAML takes no tabs), or the first document of a YAML one: messages may follow."""
+    import json
+
+    import yaml
+
+    try:
+        return json.loads(text)
+    except ValueError:
+        return next(yaml.safe_load_all(text), None)
+
+
+def _of_message(names: Any, positions: Any) -> dict[str, float] | None:
+    """Return the values by name of a JointState; None where it is none."""
+    paired = isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)
+    return dict(zip(map(str, names), positions, strict=True)) if paired else None
 
 
 def known_names(kind: str, text: str | None, valid: Iterable[str]) -> tuple[str, ...]:
@@ -165,59 +149,3 @@ def check_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise ExportError(folder, f"cannot write here: {error.strerror} ({place})") from None
-
-
-def read_scan(
-    path: Path, sensor_origin: tuple[float, ...] | None = None, crop: tuple[float, ...] | None = None
-) -> Scan:
-    """Return the scan in the unit of its file, in which `sensor_origin` and the box `crop` are given too."""
-    from pwralign_kin.scan import Scan
-
-    if path.suffix.lower() in (".urdf", ".xacro"):
-        raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
-    scan = Scan.load(path, sensor_origin=sensor_origin, units="auto")
-    return scan if crop is None else scan.cropped(crop[:3], crop[3:])
-
-
-def in_metres(scan: Scan, units: Units, diagonal: float) -> tuple[Scan, float]:
-    """Return the scan in m, and the length of its unit in m.
-
-    Raises `UnitError` when `units` cannot be true beside a model of `diagonal` m.
-    """
-    from pwralign_kin.scan import METRES, check_units, likely_unit
-
-    check_units(scan, diagonal, units)
-    unit = likely_unit(scan, diagonal) if units == "auto" else units
-    return scan if unit == "m" else scan.scaled(METRES[unit]), METRES[unit]
-
-
-def read_model(
-    urdf: Path,
-    package_dirs: Sequence[Path] | None,
-    geometry: Literal["visual", "collision"],
-    mesh_units: Literal["ignore", "apply"],
-) -> ArticulatedModel:
-    """Return the model as the options that all verbs share ask for it."""
-    from pwralign_kin.model import ArticulatedModel
-
-    return ArticulatedModel.from_urdf(urdf, package_dirs=package_dirs or (), geometry=geometry, mesh_units=mesh_units)
-
-
-def all_in_metres(
-    scans: Sequence[Scan], units: Units, diagonal: float, near: Triple | None, region: Box | None
-) -> tuple[list[Scan], dict[str, Any]]:
-    """Return the scans in m, and the hints of `EstimatorOptions` in m that are given in the unit of the scans.
-
-    Raises `UsageError` for hints where the scans differ in their units, and what `in_metres` raises.
-    """
-    converted = [in_metres(scan, units, diagonal) for scan in scans]
-    unit = converted[0][1]
-    if (near or region) and any(own != unit for _, own in converted):
-        raise UsageError("--near and --region have no unit where those of the scans differ: give --units.")
-    hints: dict[str, Any] = {}
-    if near is not None:
-        hints["near"] = tuple(unit * value for value in near)
-    if region is not None:
-        corners = [unit * value for value in region]
-        hints["region"] = (tuple(corners[:3]), tuple(corners[3:]))
-    return [scan for scan, _ in converted], hints

@@ -9,45 +9,31 @@ from cyclopts import Parameter
 
 from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import (
-    AsJson,
-    EffortChoice,
-    GeometryChoice,
-    MeshUnitsChoice,
-    PackageDirs,
-    Seed,
-    Threads,
-    Triple,
-    Units,
-    Urdf,
-)
-from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.arguments import OUTPUT, AsJson, EffortChoice, Seed, Threads
+from pwralign_kin.cli.base_options import Gravity, upwards
+from pwralign_kin.cli.codes import LOW_CONFIDENCE, UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import SCAN_OPTIONS, ScanOptions
+from pwralign_kin.exceptions import StateError, UnknownNameError
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import SharedBaseEstimate
+    from pwralign_kin.model import ArticulatedModel
 
 
 def calibrate(
     urdf: Urdf,
     /,
     *pairs: Annotated[
-        str, Parameter(help="SCAN=JOINTS: a scan and a JSON file of its joint values (such as a state.json).")
+        str, Parameter(help="SCAN=JOINTS: a scan and a file of its joint values (state.json, or a JointState in YAML).")
     ],
-    out: Annotated[Path | None, Parameter(help="JSON file for the result.")] = None,
-    sensor_origin: Annotated[
-        Triple | None, Parameter(help="x y z: where the scans were seen from; unit of the scans.", negative=())
-    ] = None,
-    gravity: arguments.Gravity = None,
-    near: arguments.Near = None,
-    region: arguments.Region = None,
-    crop: arguments.Crop = None,
-    units: Units = "m",
+    out: Annotated[Path | None, Parameter(help="JSON file for the result.", group=OUTPUT)] = None,
+    scan_options: ScanOptions = SCAN_OPTIONS,
+    gravity: Gravity = None,
     effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
     threads: Threads = 0,
 ) -> int:
     """Find where a robot stands in a sensor's frame, from scans with known joint values.
@@ -64,19 +50,19 @@ def calibrate(
         from pwralign_kin.estimation import calibrate as calibrated
 
         show("reading the scans")
-        scans = [arguments.read_scan(scan, sensor_origin, crop) for scan, _ in paths]
-        joints = [arguments.read_joints(values) for _, values in paths]
+        scans = [scan_options.read(scan) for scan, _ in paths]
+        told = [arguments.read_joints(values) for _, values in paths]
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
-        for (_, values), own in zip(paths, joints, strict=True):
-            for name in model.joint_names:
-                if name not in own:
-                    messages.say(f"{values} does not tell {name}: it is estimated", "note")
-        scans, hints = arguments.all_in_metres(scans, units, model.diagonal, near, region)
-        known = BasePrior(up=arguments.upwards(gravity))
+        model = model_options.read(urdf)
+        joints = [_of_model(model, values, own) for (_, values), own in zip(paths, told, strict=True)]
+        scans, hints = scan_options.in_metres(scans, model.diagonal)
+        known = BasePrior(up=upwards(gravity))
         options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=known, **hints)
         result = calibrated(model, scans, joints, options, progress=show)
     _report(result, out, json)
+    if result.contradicted:
+        messages.say("the scans contradict joint values that were given, and the base is wrong with them", "warning")
+        return LOW_CONFIDENCE
     return messages.outcome(result.confidence, "result")
 
 
@@ -87,12 +73,53 @@ def _split(pair: str) -> tuple[Path, Path]:
     return Path(scan), Path(joints)
 
 
+def _of_model(model: ArticulatedModel, path: Path, told: dict[str, float]) -> dict[str, float]:
+    """Return what a file tells of the model's actuated joints, and note what it does not tell or tells besides.
+
+    Joints that mimic follow the others. Raises `StateError` for values beyond the limits, `UnknownNameError` where the
+    file names none of the joints.
+    """
+    known = {name: value for name, value in told.items() if name in model.joint_names}
+    followers = {part.joint.name for part in model.parts if part.joint is not None}
+    strange = [name for name in told if name not in known and name not in followers]
+    if strange and not known:
+        raise UnknownNameError("joint", strange[0], model.joint_names)
+    for name in strange:
+        messages.say(f"{path} tells {name}, which is no joint of the model: it is left out", "note")
+    for name in model.joint_names:
+        if name not in known:
+            messages.say(f"{path} does not tell {name}: it is estimated", "note")
+    try:
+        model.check_limits(known)
+    except StateError as error:
+        raise StateError(f"{path}: {error}") from None
+    return known
+
+
 def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None:
     from json import dumps
 
-    text = dumps(result.to_dict(), indent=2, allow_nan=False)
+    from pwralign_kin import se3
+
+    T_base_scan = se3.inverse(result.T_scan_base)
+    text = dumps({**result.to_dict(), "T_base_scan": T_base_scan.tolist()}, indent=2, allow_nan=False)
     if out is not None:
         files.write_text(out, text + "\n")
-    print(text if as_json else result)
-    if out is not None and not as_json:
-        print(f"wrote {out}")
+    if as_json:
+        print(text)
+        return
+    numbers = {
+        key: f"{value:.6f}"
+        for key, value in zip(
+            ("x", "y", "z", "qx", "qy", "qz", "qw"),
+            (*T_base_scan[:3, 3], *se3.quaternion_xyzw(T_base_scan)),
+            strict=True,
+        )
+    }
+    print(result)
+    values = list(numbers.values())
+    print(f"\nsensor in the frame of {result.base_link}: xyz {' '.join(values[:3])} m, xyzw {' '.join(values[3:])}")
+    if out is not None:
+        placed = " ".join(f"--{key} {value}" for key, value in numbers.items())
+        frames = f"--frame-id {result.base_link} --child-frame-id sensor"
+        print(f"wrote {out}; for ROS 2:\nros2 run tf2_ros static_transform_publisher {placed} {frames}")

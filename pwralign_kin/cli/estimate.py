@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,27 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import (
-    AsJson,
-    Box,
-    EffortChoice,
-    GeometryChoice,
-    Gravity,
-    Joints,
-    MeshUnitsChoice,
-    PackageDirs,
-    Pose,
-    ScanPath,
-    Seed,
-    Threads,
-    Triple,
-    Units,
-    Urdf,
-)
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Joints, Seed, Threads
+from pwralign_kin.cli.base_options import BASE_OPTIONS, BaseOptions
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import SCAN_OPTIONS, ScanOptions, ScanPath
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import Estimate, SharedBaseEstimate
+    from pwralign_kin.se3 import Array
     from pwralign_kin.state import State
 
 
@@ -40,50 +27,37 @@ def estimate(
     scan: ScanPath,
     /,
     *more: Annotated[Path, Parameter(help="Further scans of the same model, sensor and base in the same places.")],
-    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None,
-    initial: Annotated[Path | None, Parameter(help="A state.json to start from.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.", group=OUTPUT)] = None,
+    initial: Annotated[Path | None, Parameter(help="A state.json to start from.", group=GUESS)] = None,
     joint: Annotated[
         Joints,
         Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."),
     ] = None,
     lock: Annotated[
         list[str] | None,
-        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
+        Parameter(
+            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
+            negative=(),
+            group=GUESS,
+        ),
     ] = None,
-    base: Annotated[
-        Pose | None,
-        Parameter(help="x y z qx qy qz qw: where the root link is to start with, m.", negative=()),
-    ] = None,
-    base_std: Annotated[
-        tuple[float, float] | None,
-        Parameter(help="Standard deviations of --base, m and degrees; 0 0: it is exact.", negative=()),
-    ] = None,
-    base_region: Annotated[
-        Box | None,
-        Parameter(help="xmin ymin zmin xmax ymax zmax: a box that holds the root link's origin, m.", negative=()),
-    ] = None,
-    gravity: Gravity = None,
-    crop: arguments.Crop = None,
-    sensor_origin: Annotated[
-        Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
-    ] = None,
-    near: arguments.Near = None,
-    region: arguments.Region = None,
+    base_options: BaseOptions = BASE_OPTIONS,
+    scan_options: ScanOptions = SCAN_OPTIONS,
     correspondences: Annotated[
-        Path | None, Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).")
+        Path | None,
+        Parameter(help="NPZ of an outside matcher: source and target (n, 3), weight (n,).", group=GUESS),
     ] = None,
-    units: Units = "m",
     solid: Annotated[
-        bool, Parameter(help="Parts that no joint connects may not be inside each other.", negative=())
+        bool,
+        Parameter(help="Parts that no joint connects may not be inside each other.", negative=(), group=SEARCH),
     ] = False,
     effort: EffortChoice = "default",
     seed: Seed = 0,
     json: AsJson = False,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
     up: Annotated[
-        Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
+        Literal["x", "y", "z", "-x", "-y", "-z"],
+        Parameter(help="Up axis of the scan, for GLB and picture.", group=OUTPUT),
     ] = "z",
     threads: Threads = 0,
 ) -> int:
@@ -94,38 +68,29 @@ def estimate(
     values = arguments.joint_values(joint)
     if more and correspondences is not None:
         raise UsageError("--correspondences are of one scan, but several are given.")
-    if base_std is not None and base is None:
-        raise UsageError("--base-std says how sure --base is: give both.")
-    guess = _guess(initial, None if base_std is not None else base, values)
+    guess = _guess(initial, base_options.start, values)
     if out is not None:
         arguments.check_folder(out)
     begun = time.perf_counter()
     with messages.progress() as show:
         from pwralign_kin import files
-        from pwralign_kin.estimation import BasePrior, Correspondences, EstimatorOptions, SearchOptions
+        from pwralign_kin.estimation import Correspondences, EstimatorOptions, SearchOptions
         from pwralign_kin.estimation import estimate as estimated
         from pwralign_kin.export import export
 
         show("reading the scan")
-        read = [arguments.read_scan(path, sensor_origin, crop) for path in (scan, *more)]
+        read = [scan_options.read(path) for path in (scan, *more)]
         pairs = None if correspondences is None else Correspondences.load(correspondences)
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
-        scans, hints = arguments.all_in_metres(read, units, model.diagonal, near, region)
-        known = BasePrior(
-            T_scan_base=None if base is None or base_std is None else arguments.placement(base),
-            translation_std=base_std[0] if base_std else 0.0,
-            rotation_std=math.radians(base_std[1]) if base_std else 0.0,
-            up=arguments.upwards(gravity),
-            region=None if base_region is None else (base_region[:3], base_region[3:]),
-        )
+        model = model_options.read(urdf)
+        scans, hints = scan_options.in_metres(read, model.diagonal)
         options = EstimatorOptions(
             seed=seed,
             effort=effort,
             threads=threads,
             locked=arguments.locked_names(lock),
             prior=values,
-            base=known,
+            base=base_options.known,
             search=SearchOptions(solid=solid),
             **hints,
         )
@@ -163,14 +128,14 @@ def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:
     return [out / f"{i}_{path.stem}" for i, path in enumerate(scans)]
 
 
-def _guess(initial: Path | None, base: Pose | None, values: Mapping[str, float]) -> State | None:
+def _guess(initial: Path | None, base: Array | None, values: Mapping[str, float]) -> State | None:
     """Return the state to start from, or None to search; `values` go before those of a file."""
     from pwralign_kin.state import State
 
     if initial is not None and base is not None:
         raise UsageError("--initial and --base exclude each other.")
     if base is not None:
-        return State(arguments.placement(base), values)
+        return State(base, values)
     if initial is None:
         return None
     given = State.load(initial)

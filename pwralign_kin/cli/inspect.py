@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, MeshUnitsChoice, PackageDirs, ScanPath, Urdf
+from pwralign_kin.cli import messages
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, ScanOptions, ScanPath
 from pwralign_kin.cli.table import table
 from pwralign_kin.exceptions import MissingMeshError
 
@@ -16,33 +17,36 @@ if TYPE_CHECKING:
     from pwralign_kin.scan import Scan
 
 
+SCENE = 2.0
+"""A scan so many times as large as the model shows more than the model."""
+
+
 def inspect(
     urdf: Urdf,
     scan: ScanPath | None = None,
     /,
     *,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    camera: CameraOptions = CAMERA_OPTIONS,
+    model_options: ModelOptions = MODEL_OPTIONS,
 ) -> None:
     """Show the parts and joints of a URDF, what is missing or was mended, and what a scan holds."""
     with messages.progress() as show:
         show("reading the model")
         try:
-            model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+            model = model_options.read(urdf)
         except MissingMeshError as error:
             print(_missing(error))
             raise
     print(_described(model))
     if scan is not None:
-        print(f"\n{_compared(arguments.read_scan(scan), model)}")
+        print(f"\n{_compared(ScanOptions(depth=camera).read(scan), model)}")
 
 
 def _missing(error: MissingMeshError) -> str:
     rows = [
         (mesh if place == 0 else "", str(path))
         for mesh, paths in error.meshes.items()
-        for place, path in enumerate(paths or ["its package is in no package folder"])
+        for place, path in enumerate(paths or ["no package of this name is found"])
     ]
     return table(("missing mesh", "looked for at"), rows)
 
@@ -104,12 +108,16 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     ]
     dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
     unit = likely_unit(scan, model.diagonal)
+    ratio = METRES[unit] * scan.diagonal / model.diagonal
+    likely = unit if unit == "m" else f"{unit}: use --units {unit}"
+    if unit == "m" and ratio > SCENE:
+        likely += ", if it shows more than the model; else it is in a unit that is not read: scale it to m"
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
-        ("extent", " x ".join(f"{length:.4g}" for length in scan.extent)),
-        ("beside the model", f"{METRES[unit] * scan.diagonal / model.diagonal:.3g} times as large"),
-        ("likely unit", unit if unit == "m" else f"{unit}: use --units {unit}"),
+        ("likely unit", likely),
+        ("extent", f"{' x '.join(f'{length:.4g}' for length in scan.extent)} {unit}"),
+        ("beside the model", f"in {unit} {ratio:.3g} times as large"),
         ("sensor origin", origin),
         ("normals", "none" if scan.normals is None else "given"),
     ]

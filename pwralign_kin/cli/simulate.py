@@ -9,8 +9,9 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GeometryChoice, Joints, MeshUnitsChoice, PackageDirs, Seed, Urdf
+from pwralign_kin.cli.arguments import Joints, Seed
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 
 
 def simulate(
@@ -46,9 +47,7 @@ def simulate(
     state: Annotated[Path | None, Parameter(help="A state.json of the model's pose; else random.")] = None,
     joint: Annotated[Joints, Parameter(help="name=value, rad or m; may be repeated.")] = None,
     seed: Seed = 0,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
 ) -> None:
     """Scan a model in software, alone or in a room: points with the truth beside them.
 
@@ -83,7 +82,7 @@ def simulate(
         sensor = dataclasses.replace(TIERS[tier or "full"], **_given(**seen, noise=noise))
         given_pose = None if state is None else State.load(state)
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+        model = model_options.read(urdf)
         model.check_limits(values)
         show("scanning")
         pose = given_pose or random_state(model, seed)

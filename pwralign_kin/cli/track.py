@@ -7,22 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import (
-    AsJson,
-    GeometryChoice,
-    Joints,
-    MeshUnitsChoice,
-    PackageDirs,
-    Pose,
-    Seed,
-    Threads,
-    Triple,
-    Urdf,
-)
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Joints, Seed, Threads, Triple
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres
 
 if TYPE_CHECKING:
     from pwralign_kin.tracking import TrackedFrame
@@ -35,43 +25,44 @@ def track(
         Path,
         Parameter(help="Scans or 16-bit PNG depth images, a folder of them, an NPZ sequence, or a ROS 2 bag."),
     ],
-    out: Annotated[Path | None, Parameter(help="Folder for joints.csv, base.tum and track.json.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for joints.csv, base.tum and track.json.", group=OUTPUT)] = None,
     mcap: Annotated[
-        bool, Parameter(help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=())
+        bool,
+        Parameter(
+            help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=(), group=OUTPUT
+        ),
     ] = False,
-    initial: Annotated[Path | None, Parameter(help="A state.json: where the model is in the first frame.")] = None,
+    initial: Annotated[
+        Path | None, Parameter(help="A state.json: where the model is in the first frame.", group=GUESS)
+    ] = None,
     joint: Annotated[
         Joints, Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated.")
     ] = None,
     lock: Annotated[
         list[str] | None,
-        Parameter(help="A joint that keeps its --joint or --initial value, else 0; may be repeated.", negative=()),
+        Parameter(
+            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
+            negative=(),
+            group=GUESS,
+        ),
     ] = None,
-    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0,
-    intrinsics: Annotated[
-        tuple[float, float, float, float] | None,
-        Parameter(help="fx fy cx cy: the camera of the depth images, pixels.", negative=()),
-    ] = None,
-    depth_scale: Annotated[
-        float, Parameter(help="m per unit of integer depth images.", validator=Number(gt=0))
-    ] = 0.001,
-    camera: Annotated[
-        Pose | None,
-        Parameter(help="x y z qx qy qz qw: the camera of the depth images in the scan frame, m.", negative=()),
-    ] = None,
+    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.", group=SCAN)] = 30.0,
+    camera: CameraOptions = CAMERA_OPTIONS,
     sensor_origin: Annotated[
-        Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
+        Triple | None,
+        Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=(), group=SCAN),
     ] = None,
-    topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None,
-    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.")] = "m",
+    topic: Annotated[
+        str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.", group=SCAN)
+    ] = None,
+    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.", group=SCAN)] = "m",
     time_limit: Annotated[
-        float | None, Parameter(help="Seconds that a frame may take; results then depend on the machine.")
+        float | None,
+        Parameter(help="Seconds that a frame may take; results then depend on the machine.", group=SEARCH),
     ] = None,
     seed: Seed = 0,
     json: AsJson = False,
-    package_dir: PackageDirs = None,
-    geometry: GeometryChoice = "visual",
-    mesh_units: MeshUnitsChoice = "ignore",
+    model_options: ModelOptions = MODEL_OPTIONS,
     threads: Threads = 0,
 ) -> int:
     """Follow a model through a stream of frames: base placement and joint values of each.
@@ -105,14 +96,14 @@ def track(
             FrameOptions(
                 rate=rate,
                 sensor_origin=sensor_origin,
-                intrinsics=intrinsics,
-                depth_scale=depth_scale,
-                T_scan_camera=np.eye(4) if camera is None else arguments.placement(camera),
+                intrinsics=camera.intrinsics,
+                depth_scale=camera.depth_scale,
+                T_scan_camera=camera.placement,
                 topic=topic,
             ),
         )
         show("reading the model")
-        model = arguments.read_model(urdf, package_dir, geometry, mesh_units)
+        model = model_options.read(urdf)
         estimator = EstimatorOptions(seed=seed, threads=threads, locked=arguments.locked_names(lock), prior=values)
         tracker = Tracker(model, TrackerOptions(estimator=estimator, time_limit=time_limit), start)
         tracked: list[TrackedFrame] = []
@@ -120,7 +111,7 @@ def track(
         try:
             for time, frame in stream:
                 show(f"frame {len(tracked) + 1}")
-                metres = arguments.in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
+                metres = in_metres(frame, units, model.diagonal)[0] if isinstance(frame, Scan) else frame
                 tracked.append(tracker.update(metres, time))
         finally:
             # A bad frame, or who has seen enough, does not take away what was tracked before.

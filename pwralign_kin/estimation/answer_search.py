@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,9 @@ PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.01, 0.1, 25
 many, where it has fewer), ..."""
 PLAIN_SUPPORT = -0.12
 """... and has no part that a single view speaks against by more."""
+NUDGES, NUDGED, NUDGE_SIGMA = 3, 4, 0.04
+"""How often in a row each joint of an answer near a guess is swept, at most, how many of the swept are then refined,
+and from which robust scale: refinement alone leaves joints at values from which no small step is better."""
 AGREED_DOUBT = 2.0
 """How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
@@ -68,7 +72,7 @@ class Effort:
     repairs: int
     """Rounds of repair, at most."""
     wide_beams: bool
-    """Whether wide beams are tried where an answer is not convincing."""
+    """Whether wide beams are tried where no answer is convincing and no two searches agree."""
 
 
 EFFORTS = {
@@ -105,7 +109,7 @@ class AnswerSearch:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
         Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
-        answers are compared so.
+        answers are compared so. Wide beams take more time than another search: they come last.
         """
         if self.search.observation.scene:
             return self._in_scene()
@@ -116,8 +120,9 @@ class AnswerSearch:
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
-                break
-        return best
+                return best
+        with self.watch.stage("repair"):
+            return self._widely_repaired(search, best)
 
     def from_guess(self, base: Array, values: Array) -> Candidates:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
@@ -133,13 +138,35 @@ class AnswerSearch:
             agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
             if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
                 return refined.take([0])
+            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong; and a scene
+            # always leaves points unexplained.
+            if not (search.observation.scene or is_explained(search, refined.take([0]))):
+                refined = Candidates.concatenate([self._nudged(refined.take([0])), refined])
+                if is_plainly_right(search, refined.take([0])):
+                    return refined.take([0])
         with self.watch.stage("repair"):
-            solutions = self._repaired(search, refined, turn=False)
+            first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, search))
+            if is_plainly_right(search, first.take([0])):
+                return first
+            solutions = self._widely_repaired(search, self._reinterpreted(search, first))
         # Things may touch the model in a scene.
         tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
         if search.unexplained(solutions.take([0])) > tolerated:
             return self._distinct([solutions, self.without_guess()])
         return solutions
+
+    def _nudged(self, answer: Candidates) -> Candidates:
+        """Return one answer with joints moved to where they are better, until it is plainly right or nothing gains."""
+        search = self.search
+        joints = np.arange(answer.values.shape[1], dtype=np.int32)
+        for _ in range(NUDGES):
+            moved = search.swept(answer, joints, np.zeros(len(joints), bool), keep=1).best_first()
+            refined = search.refined(moved.take(slice(NUDGED)), sigma=NUDGE_SIGMA)
+            before, answer = answer, Candidates.concatenate([answer, search.scored(refined)[0]]).best_first().take([0])
+            gained = answer.scores[0] > before.scores[0] + self.repairing.gain
+            if not gained or is_plainly_right(search, answer):
+                break
+        return answer
 
     def finished(self, solutions: Candidates) -> Candidates:
         """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
@@ -203,7 +230,7 @@ class AnswerSearch:
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
-            return self._repaired(search, refined, turn=True)
+            return self._narrowly_repaired(search, refined, turn=True)
 
     def _in_scene(self) -> Candidates:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
@@ -247,14 +274,19 @@ class AnswerSearch:
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        solutions = self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+        return self._widely_repaired(search, self._narrowly_repaired(search, candidates, turn=turn))
+
+    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
+        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+
+    def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         best = solutions.take([0])
         right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
-        if self.effort.wide_beams and not right:
-            # Wide beams take their time: they are for the few solutions that are nearly right.
-            few = replace(self.repairing, early_rounds=0)
-            solutions = self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
-        return solutions
+        if right or not self.effort.wide_beams:
+            return solutions
+        # Wide beams take their time: they are for the few solutions that are nearly right.
+        few = replace(self.repairing, early_rounds=0)
+        return self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
@@ -336,8 +368,14 @@ class AnswerSearch:
 
     @property
     def _nothing_placed(self) -> CorrespondenceError:
-        sources = self.options.sources
-        return CorrespondenceError("estimate", f"no part could be placed in the scan from sources {sources}")
+        if not self.options.sources:
+            fault = "no part could be placed in the scan: without sources only correspondences do, and none does"
+            return CorrespondenceError("estimate", fault)
+        return CorrespondenceError(
+            "estimate",
+            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
+            "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
+        )
 
 
 def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
@@ -345,6 +383,16 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1
 
     `doubt` times as many points as usual may speak against it.
     """
+    if not is_explained(search, candidate, doubt):
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+
+
+def is_explained(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains all points of its scan but for a few, or `doubt` times as many."""
     if search.observation.scene:
         return False  # what else the scene holds hides what is wrong
     distance, owner = search.owners(candidate, search.exists)
@@ -353,12 +401,10 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1
     off = off_surface(search, distance)
     points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
     off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    if off.mean() > doubt * PLAIN_OFF or (off_part > doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).any():
-        return False
-    support = search.scored(candidate)[1][0]
-    if search.poorly_supported(support).any():
-        return False
-    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+    return bool(
+        off.mean() <= doubt * PLAIN_OFF
+        and (off_part <= doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all()
+    )
 
 
 def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:

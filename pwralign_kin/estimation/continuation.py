@@ -45,21 +45,28 @@ def priced(search: TreeSearch, candidates: Candidates) -> Candidates:
 
 
 def continued(search: TreeSearch, candidate: Candidates) -> float:
-    """Return the share of the model's edges, of one candidate, beyond which the scan goes on in the same plane.
+    """Return the share of the model's edges, of one candidate, beyond which the scan goes on in the same plane."""
+    distance, _, cosine = search.lying(candidate)
+    return continued_beside(search, candidate, distance, cosine)
+
+
+def continued_beside(search: TreeSearch, candidate: Candidates, distances: Float, cosines: Float) -> float:
+    """Return the same from how far the scan points are from the candidate's surface, and their normals from its.
 
     Steps are taken along the scan's surface from points on the model. Of those that leave the model, the share counts
     that ends on points of the same plane. At true edges the scan ends or turns, or something else hides what follows.
     """
     observation = search.observation
-    placements = np.ascontiguousarray(search.part_placements(candidate)[0])
-    distances, on_model = _on_model(search, placements)
-    starts = _spread(on_model, observation.areas)
+    # Without a sensor, which side of a surface is outside is a guess.
+    alike = (cosines if observation.single_view else np.abs(cosines)) >= ALIKE
+    starts = _spread(np.flatnonzero((distances <= search.reach) & alike), observation.areas)
     if len(starts) == 0:
         return 0.0
     points, normals = observation.points[starts], observation.normals[starts]
     step = max(STEP, SPACINGS * observation.spacing)
     ends = (points[:, None] + step * _directions(normals)).reshape(-1, 3).astype(np.float32)
     reach = search.reach + BEYOND
+    placements = search.part_placements(candidate)[0]
     off = np.flatnonzero(search.assigned(ends, placements, search.exists, 1.01 * reach)[0] > reach)
     start, end = off // DIRECTIONS, ends[off]
     follower = observation.field.nearest(np.ascontiguousarray(end))
@@ -71,18 +78,6 @@ def continued(search: TreeSearch, candidate: Candidates) -> float:
     follows &= away < TOLERANCE + NOISES * observation.noise
     follows &= np.abs(np.einsum("ij,ij->i", turned, normals[start])) > SAME_PLANE
     return float(follows.sum() / max(len(off), LEAST_STEPS))
-
-
-def _on_model(search: TreeSearch, placements: Array) -> tuple[Float, NDArray[np.int64]]:
-    """Return the distances of the scan points, and those that lie on the model and face the way that it does there."""
-    observation = search.observation
-    distance, part, sample = search.native.assign(
-        observation.points, placements, search.exists.astype(np.uint8), search.options.near
-    )
-    on = np.flatnonzero(distance <= search.reach)
-    facing = search.facing(placements, observation.normals[on], part[on], sample[on])
-    # Without a sensor, which side of a surface is outside is a guess.
-    return distance, on[(facing if observation.single_view else np.abs(facing)) >= ALIKE]
 
 
 def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:

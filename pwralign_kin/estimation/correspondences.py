@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.files import check_path
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan.readers import member, numpy_content
 from pwralign_kin.se3 import Array, inverse, transform
@@ -19,7 +21,7 @@ from pwralign_kin.se3 import Array, inverse, transform
 Float = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Correspondences:
     """Pairs of a point on the model and the scan point it is believed to be.
 
@@ -61,6 +63,7 @@ class Correspondences:
 
         Raises `CorrespondenceError` naming the file and what is wrong.
         """
+        check_path(path, partial(CorrespondenceError, "correspondences"))
         try:
             archive = numpy_content(Path(path).read_bytes(), Path(path), b"PK")
             missing = {"source", "target"} - set(archive.files)

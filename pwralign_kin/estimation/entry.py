@@ -54,11 +54,8 @@ def estimate(
     a guess or an option does not fit the model or the scans, `CorrespondenceError` when correspondences fit neither
     model nor scan or nothing at all was given to make hypotheses from.
     """
-    options = options or EstimatorOptions()
-    several = [scan] if isinstance(scan, Scan) else scan
-    if not isinstance(several, Sequence) or not all(isinstance(one, Scan) for one in several):
-        got = type(scan).__name__
-        raise StateError(f"expected a Scan or a sequence of them, got {got}; of points (n, 3) in m make Scan(points)")
+    options = _checked_options(options)
+    _check_scans([scan] if isinstance(scan, Scan) else scan)
     if isinstance(scan, Scan):
         if not isinstance(initial, State | None) or not isinstance(correspondences, Correspondences | None):
             raise StateError(
@@ -88,11 +85,13 @@ def calibrate(
     that are not named are estimated. Raises what `estimate` raises, and `StateError` when there is not one set of
     values a scan.
     """
-    if isinstance(scans, Scan) or isinstance(joints, Mapping | State):
-        raise StateError("calibrate takes a sequence of scans and one of joint values, a set for each scan")
+    sets = isinstance(joints, Sequence) and all(isinstance(values, Mapping | State) for values in joints)
+    if isinstance(scans, Scan) or not sets:
+        raise StateError("calibrate takes a sequence of scans and one of joint values, a set by name for each scan")
+    _check_scans(scans)
     if len(joints) != len(scans):
         raise StateError(f"{len(scans)} scans but {len(joints)} sets of joint values")
-    options = options or EstimatorOptions()
+    options = _checked_options(options)
     encoders = [values.joints if isinstance(values, State) else values for values in joints]
     known = [
         replace(options, prior={**options.prior, **values}, locked=tuple(dict.fromkeys((*options.locked, *values))))
@@ -100,3 +99,15 @@ def calibrate(
     ]
     none = [None] * len(scans)
     return estimate_shared_base(model, scans, none, none, known, progress)
+
+
+def _checked_options(options: EstimatorOptions | None) -> EstimatorOptions:
+    if not isinstance(options, EstimatorOptions | None):
+        raise StateError(f"options must be EstimatorOptions, not {type(options).__name__}")
+    return options or EstimatorOptions()
+
+
+def _check_scans(scans: object) -> None:
+    if not isinstance(scans, Sequence) or not all(isinstance(one, Scan) for one in scans):
+        got = type(scans).__name__
+        raise StateError(f"expected a Scan or a sequence of them, got {got}; of points (n, 3) in m make Scan(points)")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.continuation import continued
+from pwralign_kin.estimation.continuation import continued, continued_beside
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 
 LEAST_POINTS = 8
@@ -84,10 +84,7 @@ class Evidence:
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
     observation = search.observation
-    placements = np.ascontiguousarray(search.part_placements(final)[0])
-    distance, part, sample = search.native.assign(
-        observation.points, placements, search.exists.astype(np.uint8), search.options.near
-    )
+    distance, part, cosine = search.lying(final)
     explained = distance <= search.reach
     areas = observation.areas * search.searched
     nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
@@ -96,13 +93,13 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     weights = search.weights * search.exists
     lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
     on_model = areas[explained].sum() / areas.sum()
-    alike = explained & (np.abs(search.facing(placements, observation.normals, part, sample)) >= ALIKE)
+    alike = explained & (np.abs(cosine) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
     well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
-    beyond = continued(search, final)
+    beyond = continued_beside(search, final, distance, cosine)
     margin, distinct = _margins(search, final, _rivals(search, final, others, points), beyond)
     return Evidence(
         float(nearby),

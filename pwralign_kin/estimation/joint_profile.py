@@ -1,7 +1,8 @@
-"""Joints that move the surface little, compared at all their values.
+"""Joints that the points tell little of, compared at all their values.
 
 The slope of the surface at one value says little of a nearly round base: its few bolts and edges tell the value, but an
-answer may stand at the wrong one, from where no least squares leads to the right one.
+answer may stand at the wrong one, from where no least squares leads to the right one. So it is with parts that few or
+noisy points lie on.
 """
 
 from __future__ import annotations
@@ -23,19 +24,26 @@ UNMOVED = 1e-9
 """Placements that differ by less are the same."""
 APART = 2.5
 """Values farther apart than this many probe motions are different answers."""
+RIVALS = 2
+"""Other answers that are worth a closer look, at most."""
 
 
 @dataclass(frozen=True)
 class Profile:
     """How well one joint's values explain the points near the model."""
 
-    base: Array
+    bases: Array
     values: Array
-    """The configuration (4, 4), (k,) with the joint at its best value, search units."""
+    """The configurations (m, 4, 4), (m, k) with the joint at its best value and at the best of those that are other
+    answers, search units."""
+    behind: Array
+    """(m,) log-likelihood of the best value over that of each."""
     gain: float
     """Log-likelihood of the best value over that of the value before."""
     margin: float
     """Log-likelihood of the best value over the best of those that are another answer; infinite without any."""
+    spread: float
+    """Log-likelihood of the best value over the worst."""
 
 
 def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors) -> Profile:
@@ -67,17 +75,34 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     left = np.minimum(moved, otherwise)
     variance = errors.noise**2 + errors.systematic**2
     cost = np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) / (2.0 * POINTS_AS_ONE)
-    best = int(cost.argmin())
-    away = np.abs(steps - steps[best])
-    if solver.model.continuous[joint]:
-        away = np.minimum(away, round(2.0 * np.pi / PROBE_TURN) - away)
-    others = cost[away > APART]
+    count = len(cost) if solver.model.continuous[joint] else None
+    modes = _modes(cost, steps, count)
+    others = cost[_away(steps, modes[0], count) > APART]
     return Profile(
-        bases[best],
-        turned[best],
-        float(cost[steps == 0][0] - cost[best]),
-        float(others.min() - cost[best]) if len(others) else float("inf"),
+        bases[modes],
+        turned[modes],
+        cost[modes] - cost.min(),
+        float(cost[steps == 0][0] - cost.min()),
+        float(others.min() - cost.min()) if len(others) else float("inf"),
+        float(np.ptp(cost)),
     )
+
+
+def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:
+    """Return the index of the least cost, and those of the least others that are least among their neighbours."""
+    left = np.pad(cost, 1, mode="wrap") if count is not None else np.pad(cost, 1, constant_values=np.inf)
+    least = (cost <= left[:-2]) & (cost <= left[2:])
+    modes: list[int] = []
+    for index in np.flatnonzero(least)[np.argsort(cost[least], kind="stable")]:
+        if all(_away(steps, other, count)[index] > APART for other in modes):
+            modes.append(int(index))
+    return modes[: 1 + RIVALS]
+
+
+def _away(steps: NDArray[np.int64], index: int, count: int | None) -> NDArray[np.int64]:
+    """Return how many steps all values are from one, where `count` of them may be a full turn."""
+    away: NDArray[np.int64] = np.abs(steps - steps[index])
+    return away if count is None else np.minimum(away, count - away)
 
 
 def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:

@@ -15,44 +15,58 @@ from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, bound
 from pwralign_kin.estimation.observation import Float
 from pwralign_kin.se3 import Array
 
-MOST_POINTS = 5000
-"""Scan points that are looked at."""
+MOST_POINTS, FEW_POINTS = 5000, 800
+"""Scan points that are looked at, and on the way to the maximum."""
 REACH = 0.03
 """Points farther from the model (model diagonals) are of other things."""
 LEAST_NOISE = 0.0003
 """Least standard deviation of the points (model diagonals): what single precision and bent surfaces leave."""
 ANYTHING = 0.02
 """Density of the points that are not on the model, against that of the normal noise at its peak."""
-STEPS = 2
-"""Steps of Gauss-Newton towards the exact closest points; the gain of the last is taken from its linear model."""
+STEPS, LITTLE = 6, 0.5
+"""Steps of Gauss-Newton by few points towards the exact closest ones, at most: one that gains no more than this
+logarithm of the likelihood is the last. What one more step by all points would gain is taken from its linear model."""
 REST = 1.5
-"""Standard deviation of joint values about their prior (rad or model diagonals), for want of a closer one: enough to
-choose where the scan does not."""
+"""Standard deviation of joint values about their prior (rad or model diagonals), for want of a closer one, ..."""
+TOLD = 3.0
+"""... which chooses among answers whose logarithms of the likelihood differ by less."""
 
 
 def likeliest(solver: JointLeastSquares, several: Candidates, prior: Array) -> int:
     """Return which of several answers is the most likely, by the scan and by the joint values (k,) of the `prior`."""
+    likelihoods = log_likelihoods(solver, several)
     away = several.values - prior
     turns = np.where(solver.model.continuous, 2.0 * np.pi * np.round(away / (2.0 * np.pi)), 0.0)
-    return int(np.argmax(log_likelihoods(solver, several) - np.square((away - turns) / REST).sum(axis=1) / 2.0))
+    usual = likelihoods - np.square((away - turns) / REST).sum(axis=1) / 2.0
+    return int(np.argmax(np.where(likelihoods > likelihoods.max() - TOLD, usual, -np.inf)))
 
 
 def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
     """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer."""
     points = _points_near(solver, several.take([0]))
-    looks = [_Look(solver, points, *answer) for answer in zip(several.bases, several.values, strict=True)]
-    noise = max(LEAST_NOISE, 1.4826 * float(np.median(looks[0].distance)))
-    return np.array([_log_likelihood(solver, points, look, noise) for look in looks])
+    few = np.ascontiguousarray(points[:: max(1, len(points) // FEW_POINTS)])
+    first = _Look(solver, few, several.bases[0], several.values[0])
+    noise = max(LEAST_NOISE, 1.4826 * float(np.median(first.distance)))
+    settled = [_settled(solver, few, *answer, noise) for answer in zip(several.bases, several.values, strict=True)]
+    return np.array([_log_likelihood(solver, _Look(solver, points, *answer), noise) for answer in settled])
 
 
-def _log_likelihood(solver: JointLeastSquares, points: Float, look: _Look, noise: float) -> float:
+def _settled(solver: JointLeastSquares, points: Float, base: Array, values: Array, noise: float) -> tuple[Array, Array]:
+    """Return the configuration near to one that these points make the most likely."""
+    for _ in range(STEPS):
+        step, _, gain = _Look(solver, points, base, values).step(solver, noise)
+        if gain < LITTLE:
+            break
+        base, values = solver.stepped(base, values, step)
+    return base, values
+
+
+def _log_likelihood(solver: JointLeastSquares, look: _Look, noise: float) -> float:
     """Return the logarithm of the likelihood at its maximum near to what is looked at."""
-    for _ in range(STEPS - 1):
-        step, _ = look.step(solver, noise)
-        look = _Look(solver, points, *solver.stepped(look.base, look.values, step))
+    _, likelihood, gain = look.step(solver, noise)
     prior = solver.prior(look.base, look.values)
     against = float(prior.g @ np.linalg.lstsq(prior.H, prior.g)[0]) / 2
-    return look.step(solver, noise)[1] - against
+    return likelihood + gain - against
 
 
 class _Look:
@@ -69,8 +83,8 @@ class _Look:
         away = off / np.maximum(self.distance, 1e-9)[:, None]
         self.rows = np.concatenate([np.cross(closest - base[:3, 3], away), away], axis=1)
 
-    def step(self, solver: JointLeastSquares, noise: float) -> tuple[Array, float]:
-        """Return the step (6 + k,) to the maximum and the logarithm of the likelihood expected there."""
+    def step(self, solver: JointLeastSquares, noise: float) -> tuple[Array, float, float]:
+        """Return the step (6 + k,) to the maximum, the logarithm of the likelihood here, and what the step gains."""
         normal = np.exp(-0.5 * (self.distance / noise) ** 2)
         weight = normal / (normal + ANYTHING)
         information = np.zeros((len(self.twists), 6, 6))
@@ -83,7 +97,7 @@ class _Look:
         H, g = normal_matrix(self.twists, information), np.einsum("pia,pi->a", self.twists, gradients)
         step = bounded_step(H, g, *solver.step_bounds(self.values), solver.options.damping)
         gain = float(g @ step - step @ H @ step / 2) / noise**2
-        return step, float(np.log(normal + ANYTHING).sum()) + gain
+        return step, float(np.log(normal + ANYTHING).sum()), gain
 
 
 def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:

@@ -46,7 +46,7 @@ class EstimatorOptions:
     prior: Mapping[str, float] = field(default_factory=dict)
     """Values (rad or m) that joints keep where the scan does not tell them; 0 within the limits where not given."""
     prior_std: Mapping[str, float] = field(default_factory=dict)
-    """Standard deviations (rad or m) of joints about their `prior` values; joints not named here may have any value."""
+    """Standard deviations (rad or m) of joints about their `prior` values, which must be given; others may have any."""
     base: BasePrior = field(default_factory=BasePrior)
     """What is known of the base placement."""
     sources: tuple[str, ...] = ("pairs", "faces")
@@ -85,6 +85,11 @@ class EstimatorOptions:
                 raise UnknownNameError("source", source, SOURCES)
         for name in ("prior", "prior_std"):
             object.__setattr__(self, name, checked_joints(getattr(self, name), name))
+        for name in self.prior_std:
+            if name not in self.prior:
+                raise StateError(
+                    f"prior_std says how sure the prior of {name!r} is: give its value too, prior={{{name!r}: ...}}"
+                )
         for section in fields(self):
             kind = section.default_factory
             if isinstance(kind, type) and is_dataclass(kind) and not isinstance(getattr(self, section.name), kind):

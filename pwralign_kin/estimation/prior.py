@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.se3 import Array, checked_placement, inverse, rotation_about
+from pwralign_kin.se3 import Array, as_floats, checked_placement, inverse, rotation_about
 
 Vector = tuple[float, float, float]
 
@@ -193,7 +193,7 @@ def checked_box(value: Any, name: str) -> tuple[Vector, Vector]:
 def checked_numbers(value: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return `value` as an array of the given shape. Raises `StateError` for anything else."""
     try:
-        array = np.array(value, dtype=np.float64)
+        array = as_floats(value)
     except (TypeError, ValueError):
         raise StateError(f"{name} is not made of numbers: {value!r}") from None
     if array.shape != shape or not np.isfinite(array).all():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,8 +54,15 @@ class RepairOptions:
     votes: VoteOptions = field(default_factory=VoteOptions)
 
 
-def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *, turn: bool) -> Candidates:
-    """Return the distinct solutions after at most `options.rounds` rounds, best first."""
+def repair(
+    search: TreeSearch,
+    candidates: Candidates,
+    options: RepairOptions,
+    *,
+    turn: bool,
+    enough: Callable[[Candidates], bool] = lambda best: False,
+) -> Candidates:
+    """Return the distinct solutions after at most `options.rounds` rounds, best first; until the best is `enough`."""
     solutions = search.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
     for round_ in range(options.rounds):
@@ -85,7 +93,7 @@ def repair(search: TreeSearch, candidates: Candidates, options: RepairOptions, *
         solutions = search.distinct(
             Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
         )
-        if in_vain:
+        if in_vain or enough(solutions.take([0])):
             break
     return solutions
 

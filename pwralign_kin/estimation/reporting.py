@@ -65,6 +65,7 @@ def reported(
         inlier_rmse=_rms(distances[explained]),
         scan_coverage=float(explained.mean()),
         model_support=float(seen @ (search.weights * search.exists)),
+        viewpoint_known=observation.single_view,
         parts={
             part.name: PartEstimate(
                 T_scan_part=T_scan_parts[i],

@@ -13,8 +13,11 @@ from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.se3 import Array, quaternion_xyzw
 from pwralign_kin.state import State
 
+SEEN_POINTS = 15
+"""Scan points from which a part counts as seen."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class PartEstimate:
     """One rigid part after the estimate."""
 
@@ -30,8 +33,13 @@ class PartEstimate:
     support: float
     """Share of the part's surface that should be seen and is, in [0, 1]; NaN for a part without geometry."""
 
+    @property
+    def seen(self) -> bool:
+        """Whether more than stray points lie on the part."""
+        return self.points >= SEEN_POINTS
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Alternative:
     """Another answer that was found, distinct from the best one."""
 
@@ -43,7 +51,7 @@ class Alternative:
     """Whether the scan cannot tell it from the best answer (interchangeable limbs, symmetry)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What `pwralign_kin.estimate` returns."""
 
@@ -67,6 +75,9 @@ class Estimate:
 
     model_support: float
     """Share of the model surface that should be seen and is."""
+
+    viewpoint_known: bool
+    """Whether the scan told the one place that it was seen from. Otherwise all surface should be seen."""
 
     parts: Mapping[str, PartEstimate]
     """Per part: placement, residual, points, support."""
@@ -117,6 +128,7 @@ class Estimate:
             "inlier_rmse": number(self.inlier_rmse),
             "scan_coverage": self.scan_coverage,
             "model_support": self.model_support,
+            "viewpoint_known": self.viewpoint_known,
             "undetermined": list(self.undetermined),
             "std": {name: number(value) for name, value in self.std.items()},
             "parts": {
@@ -125,6 +137,7 @@ class Estimate:
                     "residual": number(part.residual),
                     "points": part.points,
                     "support": number(part.support),
+                    "seen": part.seen,
                 }
                 for name, part in self.parts.items()
             },
@@ -143,8 +156,9 @@ class Estimate:
         quaternion = " ".join(f"{v:.4f}" for v in quaternion_xyzw(self.state.T_scan_base))
         lines = [
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
-            f"support {self.model_support:.1%} of the visible model   inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
-            f"base {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            f"support {self.model_support:.1%} of the {'visible' if self.viewpoint_known else 'whole'} model   "
+            f"inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
+            f"base link {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
             "",
             *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]
@@ -153,7 +167,8 @@ class Estimate:
         for name, part in self.parts.items():
             if np.isfinite(part.support):
                 residual = f"{1e3 * part.residual:6.2f} mm" if np.isfinite(part.residual) else "        -"
-                lines.append(f"{name:{part_width}}  {part.points:6d} {residual}  {part.support:6.0%}")
+                hardly = "" if part.seen else "  hardly seen" if part.points else "  not seen"
+                lines.append(f"{name:{part_width}}  {part.points:6d} {residual}  {part.support:6.0%}{hardly}")
         if self.alternatives:
             equal = sum(other.equal for other in self.alternatives)
             rival = f"the best of cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}"

@@ -90,9 +90,10 @@ def is_scene(
     scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
 ) -> bool:
     """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
-    low, high = preparation.bulk(scan)
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
-    if np.linalg.norm(high - low) > (options.reaches_unseen if origin is None else options.reaches) * reach:
+    low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+    widest = (options.reaches_unseen if origin is None else options.reaches) * reach
+    if np.linalg.norm(high - low) > widest and np.linalg.norm(np.subtract(*preparation.bulk(scan))) > widest:
         return True
     if origin is None:
         return False

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.estimator import Estimator, Fit
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
+from pwralign_kin.estimation.joint_offsets import JointOffsets, joint_offsets
 from pwralign_kin.estimation.observation import Observation
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import LEAST_STD, SearchPrior, placement_in_root
@@ -46,7 +47,7 @@ WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 """Robust scales (model diagonals) that scans follow another scan's base with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SharedBaseEstimate:
     """What `estimate` of several scans and `calibrate` return."""
 
@@ -65,6 +66,8 @@ class SharedBaseEstimate:
     """Whether the joint least squares met its step tolerance."""
     iterations: int
     """Iterations of the joint least squares."""
+    offsets: JointOffsets
+    """How far joints that were given in all scans lie from their values, as the scans tell."""
 
     @property
     def confidence(self) -> float:
@@ -81,6 +84,16 @@ class SharedBaseEstimate:
         """Standard deviation of the base's position, m: root of the summed variances along the three axes."""
         return float(np.sqrt(np.trace(self.base_covariance[3:, 3:])))
 
+    @property
+    def contradicted(self) -> list[str]:
+        """A line for every joint value that was given and that the scans contradict; then the base is wrong, too."""
+        units = self.estimates[0].units
+        return [
+            f"{'all scans' if scan is None else f'scan {scan}'}: {name} seems {shown(offset.value, units[name], 0, 2)} "
+            f"off its given value, +- {shown(offset.std, units[name], 0, 2)}"
+            for scan, name, offset in self.offsets.large()
+        ]
+
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-ready summary."""
         return {
@@ -91,6 +104,7 @@ class SharedBaseEstimate:
             "outvoted": list(self.outvoted),
             "converged": self.converged,
             "iterations": self.iterations,
+            "joint_offsets": asdict(self.offsets),
             "estimates": [estimate.to_dict() for estimate in self.estimates],
         }
 
@@ -99,7 +113,7 @@ class SharedBaseEstimate:
         x, y, z = self.T_scan_base[:3, 3]
         quaternion = " ".join(f"{v:.5f}" for v in se3.quaternion_xyzw(self.T_scan_base))
         lines = [
-            f"base {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
+            f"base link {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
             f"standard deviation {1e3 * self.translation_std:.2f} mm, {np.degrees(self.rotation_std):.3f} deg   "
             f"confidence {self.confidence:.2f}",
             "",
@@ -108,7 +122,7 @@ class SharedBaseEstimate:
         for i, e in enumerate(self.estimates):
             lines.append(
                 f"{i:4d}  {e.confidence:10.2f}  {e.scan_coverage:8.1%}  {e.model_support:7.1%}  "
-                f"{1e3 * e.inlier_rmse:8.2f} mm  {', '.join(e.undetermined) or '-'}"
+                f"{_millimetres(e.inlier_rmse)}  {', '.join(e.undetermined) or '-'}"
                 + ("  (alone it had another base)" if i in self.outvoted else "")
             )
         width = max([len("joint"), *map(len, self.estimates[0].state.joints)])
@@ -119,7 +133,14 @@ class SharedBaseEstimate:
                 for e in self.estimates
             )
             lines.append(f"{name:{width}}" + "".join(values).rstrip())
+        lines += [""] * any(self.contradicted)
+        lines += self.contradicted
         return "\n".join(lines)
+
+
+def _millimetres(value: float) -> str:
+    """Return a length (m), which may be nan, in mm."""
+    return f"{1e3 * value:8.2f} mm" if np.isfinite(value) else f"{'-':>11}"
 
 
 def estimate_shared_base(
@@ -150,7 +171,7 @@ def estimate_shared_base(
     estimates = []
     for own, fit, solution in zip(options, fits, solved.solutions, strict=True):
         _tell(fit, _known_base(fit, solution.base, 0.0, 0.0))
-        estimate = Estimator(model, own).concluded(fit, solution)
+        estimate = Estimator(model, own).concluded(replace(fit, finished=_with_base_held(fit, solution.base)), solution)
         estimates.append(_with_base_covariance(estimate, fit, solution, solved.base_covariance))
     scale = np.r_[np.ones(3), np.full(3, model.diagonal)]
     return SharedBaseEstimate(
@@ -161,6 +182,7 @@ def estimate_shared_base(
         outvoted,
         solved.converged,
         solved.iterations,
+        joint_offsets([fit.solver for fit in fits], solved.solutions),
     )
 
 
@@ -239,6 +261,17 @@ def _pulled(fit: Fit, candidates: Candidates, base: Array) -> Candidates:
     best = ranked(search, fine).take([0])
     _tell(fit, known)
     return best
+
+
+def _with_base_held(fit: Fit, base: Array) -> Candidates:
+    """Return what the search of a scan ended with, refined with the base held where all scans have it.
+
+    An answer with another base, which fits one scan better for its sensor's errors, is no rival of the common one.
+    """
+    search, found = fit.solver.search, fit.finished
+    held = search.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
+    held.bases[:] = base
+    return search.scored(held)[0].best_first()
 
 
 def _with_base(model: ArticulatedModel, options: EstimatorOptions, base: Array) -> EstimatorOptions:

@@ -66,7 +66,12 @@ def undetermined_joints(
 
     It must stand out of the systematic residual, and be no less than the `least`.
     """
-    return np.asarray(~locked & (displacement < max(least, SYSTEMATIC_SHARE * errors.systematic)))
+    return np.asarray(~locked & (displacement < least_visible(errors, least)))
+
+
+def least_visible(errors: Errors, least: float = LEAST_DISPLACEMENT) -> float:
+    """Return the displacement of what is seen (rms, model diagonals) that stands out of the systematic residual."""
+    return max(least, SYSTEMATIC_SHARE * errors.systematic)
 
 
 def probe_displacements(
@@ -78,7 +83,7 @@ def probe_displacements(
     scaled to mean squared displacement, the least displacement that the probe leaves is the Schur complement of its
     entry; the outline counts besides the surface, by its weight against it. Locked joints displace nothing.
     """
-    seen, displacements = _mean_information(problem, absent)
+    seen, displacements = mean_information(problem, absent)
     mean_H = normal_matrix(problem.J[seen], displacements)
     # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
     mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
@@ -98,7 +103,7 @@ def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Erro
     the part's information is that of one point of variance  noise^2 / points + correlated^2.  Joints are somewhere
     in their `span` (k,), with the variance of a uniform distribution, whatever the scan tells.
     """
-    seen, displacements = _mean_information(problem, absent)
+    seen, displacements = mean_information(problem, absent)
     own = errors.noise**2 * POINTS_AS_ONE / problem.counts[seen]
     if problem.blur is None:
         information = displacements / own[:, None, None]
@@ -124,7 +129,7 @@ def covariance(H: Array, locked: NDArray[np.bool_], undetermined: NDArray[np.boo
     return result
 
 
-def _mean_information(problem: Problem, absent: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
+def mean_information(problem: Problem, absent: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Return the parts (m,) that the scan shows, and their information (m, 6, 6) as mean squared displacement."""
     seen = np.flatnonzero((problem.counts >= LEAST_POINTS) & ~absent)
     return seen, problem.information[seen] / np.maximum(problem.mass[seen], 1e-12)[:, None, None]

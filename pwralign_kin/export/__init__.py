@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from pwralign_kin.estimation.result import Estimate
@@ -9,6 +10,7 @@ from pwralign_kin.exceptions import ExportError
 from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
 from pwralign_kin.export.folder import atomic_folder
+from pwralign_kin.files import check_path
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan
@@ -35,6 +37,10 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
     Raises `ExportError` when files cannot be written or the estimate is not one of this scan,
     `UnknownNameError` for an unknown `up` or a state that does not fit the model.
     """
+    check_path(folder, partial(ExportError, "result"))
+    for value, kind in ((estimate, Estimate), (model, ArticulatedModel), (scan, Scan)):
+        if not isinstance(value, kind):
+            raise ExportError(folder, f"expected {kind.__name__}, got {type(value).__name__}")
     folder = Path(folder)
     upward = up_vector(up)
     if len(estimate.scan_labels) != scan.n_input:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files
-from pwralign_kin.render import Indices, PosedMesh, RayScene
+from pwralign_kin.render import PosedMesh, RayScene
+from pwralign_kin.render.arrays import Indices
 from pwralign_kin.scan import write_ply
 from pwralign_kin.se3 import Array
 

@@ -266,6 +266,13 @@ class Search:
     def assign(
         self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]: ...
+    def facing(
+        self,
+        normals: NDArray[np.float32],
+        placements: NDArray[np.float64],
+        part: NDArray[np.int32],
+        sample: NDArray[np.int32],
+    ) -> NDArray[np.float32]: ...
     def distances(
         self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
     ) -> NDArray[np.float32]: ...

@@ -20,6 +20,7 @@ class Cells {
         std::iota(order.begin(), order.end(), 0);
         sort();
         for (int64_t i = 0; i < count; ++i) sorted[i] = points[order[i]];
+        split = SplitPoints(sorted.data(), count, 1);
     }
 
     // Call f(index, squared distance) for every point within `radius` (at most the cell size) of p.
@@ -58,7 +59,8 @@ class Cells {
     float size;
     std::vector<uint64_t> keys; // sorted
     std::vector<int> order;     // point of each key
-    std::vector<Vec> sorted;    // positions in that order
+    std::vector<Vec> sorted;    // positions in that order, ...
+    SplitPoints split;          // ... and once more, for several at a time
 
   private:
     // Radix sort, byte by byte from the lowest; points of a cell keep their order. Bytes that all keys share are skipped.
@@ -101,7 +103,8 @@ struct Surroundings {
         points.clear(), order.clear();
         if (rings != looked) hints.clear(), looked = rings;
         cells.rows_about(p, rings, [&](int64_t first, int64_t last) {
-            for (int64_t at = first; at < last; ++at) points.push(cells.sorted[at]), order.push_back(cells.order[at]);
+            points.push(cells.split, first, last);
+            order.insert(order.end(), cells.order.begin() + first, cells.order.begin() + last);
         }, &hints);
     }
 

@@ -27,6 +27,41 @@ std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::
     return means;
 }
 
+// The two lesser eigenvalues, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith, Communications of the
+// ACM 4, 1961).
+static std::pair<double, double> lower_eigenvalues(const double *m) {
+    const double mean = (m[0] + m[3] + m[5]) / 3, a = m[0] - mean, b = m[3] - mean, c = m[5] - mean;
+    const double xy = m[1], xz = m[2], yz = m[4];
+    const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
+    const double determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
+    const double cosine = determinant / std::max(2 * spread * spread * spread, 1e-300);
+    const double angle = std::acos(std::clamp(cosine, -1., 1.)) / 3;
+    const double least = mean + 2 * spread * std::cos(angle + 2 * M_PI / 3);
+    const double middle = 3 * mean - least - (mean + 2 * spread * std::cos(angle));
+    return {std::max(least, 0.), std::max(middle, 0.)};
+}
+
+// The unit eigenvector of such a matrix for its least eigenvalue: at right angles to all rows of what is left without it.
+static Vec least_eigenvector(const double *m, double value) {
+    const double rows[3][3] = {{m[0] - value, m[1], m[2]}, {m[1], m[3] - value, m[4]}, {m[2], m[4], m[5] - value}};
+    double best[3] = {}, most = 0, longest = 0;
+    for (int i = 0; i < 3; ++i) {
+        const double *a = rows[i], *b = rows[(i + 1) % 3];
+        const double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+        const double crossed = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+        if (crossed > most) most = crossed, std::copy(c, c + 3, best);
+        longest = std::max(longest, a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    }
+    if (most > 1e-10 * longest * longest) {
+        const double scale = 1 / std::sqrt(most);
+        return {float(scale * best[0]), float(scale * best[1]), float(scale * best[2])};
+    }
+    // Points of one line: two eigenvalues are nearly the least, and rows nearly parallel.
+    double A[3][3] = {{m[0], m[1], m[2]}, {m[1], m[3], m[4]}, {m[2], m[4], m[5]}}, values[3], V[3][3];
+    eigen_symmetric(A, values, V);
+    return {float(V[0][0]), float(V[1][0]), float(V[2][0])};
+}
+
 LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads) {
     const Cells cells(points, count, radius);
     LocalPlanes out;
@@ -50,15 +85,14 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
                 }
             }
             const int n = int(sum_of_lanes(within));
-            double s[3], C[3][3];
+            double s[3], C[6];
             for (int a = 0; a < 3; ++a) s[a] = sum_of_lanes(sums[a]);
             for (int a = 0, k = 0; a < 3; ++a)
-                for (int c = a; c < 3; ++c, ++k) C[a][c] = C[c][a] = sum_of_lanes(products[k]) / double(n) - s[a] / n * s[c] / n;
-            double values[3], V[3][3];
-            eigen_symmetric(C, values, V);
-            out.normal[i] = {float(V[0][0]), float(V[1][0]), float(V[2][0])};
+                for (int c = a; c < 3; ++c, ++k) C[k] = sum_of_lanes(products[k]) / double(n) - s[a] / n * s[c] / n;
+            const double thin = lower_eigenvalues(C).first;
+            out.normal[i] = least_eigenvector(C, thin);
             out.mean[i] = points[i] + Vec{float(s[0] / n), float(s[1] / n), float(s[2] / n)};
-            out.variance[i] = float(std::max(0., values[0]));
+            out.variance[i] = float(thin);
             out.neighbours[i] = n;
         }
     });
@@ -134,7 +168,7 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
 // About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, from a
 // few of the points.
 static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
-    constexpr int64_t most_points = 2000, most_queries = 32;
+    constexpr int64_t most_points = 2000, most_queries = 16;
     const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
     std::vector<float> reaches, squared;
     for (int64_t q = 0; q < asked; q += step) {
@@ -182,9 +216,9 @@ struct Nearest {
             const FloatLanes at = dot(d, d);
             const IntLanes near = first_lanes(int(around.points.size - i)) &
                                   (at <= (complete() ? squared.back() : reach * reach));
-            if (!any_lane(near)) continue;
-            for (int j = 0; j < lane_count; ++j)
-                if (near[j]) offer(around.order[i + j], at[j]);
+            float squared_of[lane_count];
+            store_lanes(at, squared_of);
+            for_lanes(near, [&](int j) { offer(around.order[i + j], squared_of[j]); });
         }
     }
 };
@@ -233,20 +267,6 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
             if (!answered[at]) left.push_back(order[at].second);
     }
     return out;
-}
-
-// The two lesser eigenvalues, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith, Communications of the
-// ACM 4, 1961).
-static std::pair<double, double> lower_eigenvalues(const double *m) {
-    const double mean = (m[0] + m[3] + m[5]) / 3, a = m[0] - mean, b = m[3] - mean, c = m[5] - mean;
-    const double xy = m[1], xz = m[2], yz = m[4];
-    const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
-    const double determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
-    const double cosine = determinant / std::max(2 * spread * spread * spread, 1e-300);
-    const double angle = std::acos(std::clamp(cosine, -1., 1.)) / 3;
-    const double least = mean + 2 * spread * std::cos(angle + 2 * M_PI / 3);
-    const double middle = 3 * mean - least - (mean + 2 * spread * std::cos(angle));
-    return {std::max(least, 0.), std::max(middle, 0.)};
 }
 
 std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,

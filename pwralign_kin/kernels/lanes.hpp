@@ -35,6 +35,16 @@ inline bool any_lane(IntLanes condition) {
     std::memcpy(words, &condition, sizeof(words));
     return words[0] | words[1] | words[2] | words[3];
 }
+// Call f(lane) for every lane in which the condition holds.
+template <typename F> void for_lanes(IntLanes condition, F &&f) {
+#ifdef __AVX__
+    unsigned bits = unsigned(__builtin_ia32_movmskps256(reinterpret_cast<FloatLanes &>(condition)));
+#else
+    unsigned bits = 0;
+    for (int j = 0; j < lane_count; ++j) bits |= unsigned(condition[j] & 1) << j;
+#endif
+    for (; bits; bits &= bits - 1) f(__builtin_ctz(bits));
+}
 inline float sum_of_lanes(FloatLanes a) {
     float sum = 0;
     for (int j = 0; j < lane_count; ++j) sum += a[j];
@@ -76,13 +86,26 @@ struct SplitPoints {
     }
     void clear() { size = 0; }
     void push(Vec p) {
-        if (size + lane_count >= int64_t(x.size())) {
-            const size_t most = 2 * size + 4 * lane_count;
-            x.resize(most, 0.f), y.resize(most, 0.f), z.resize(most, 0.f);
-        }
+        make_room(1);
         x[size] = p.x, y[size] = p.y, z[size] = p.z, ++size;
     }
+    // Those of some others from `first` on and before `last`.
+    void push(const SplitPoints &others, int64_t first, int64_t last) {
+        make_room(last - first);
+        for (; first < last; first += lane_count, size += lane_count) {
+            const VecLanes some = others.at(first);
+            store_lanes(some.x, &x[size]), store_lanes(some.y, &y[size]), store_lanes(some.z, &z[size]);
+        }
+        size += last - first;
+    }
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
+
+  private:
+    void make_room(int64_t more) {
+        if (size + more + lane_count <= int64_t(x.size())) return;
+        const size_t most = 2 * size + more + 4 * lane_count;
+        x.resize(most, 0.f), y.resize(most, 0.f), z.resize(most, 0.f);
+    }
 };
 
 // Points with normals, one after the other and padded, so that any few of them are read by whole loads.

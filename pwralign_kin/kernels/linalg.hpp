@@ -168,27 +168,23 @@ struct Normal {
     }
 };
 
-// Solve the symmetric positive definite system A x = b of size n in place (Cholesky); false if A is not definite.
+// Solve the symmetric positive definite system A x = b of size n in place; false if A is not definite. The last unknowns
+// are eliminated first: where they are joints in the order of a tree, branches that share no joint stay apart.
 inline bool solve_spd(double *A, double *b, int n) {
-    for (int j = 0; j < n; ++j) {
-        double d = A[j * n + j];
-        for (int k = 0; k < j; ++k) d -= A[j * n + k] * A[j * n + k];
-        if (!(d > 0)) return false;
-        d = std::sqrt(d);
-        A[j * n + j] = d;
-        for (int i = j + 1; i < n; ++i) {
-            double s = A[i * n + j];
-            for (int k = 0; k < j; ++k) s -= A[i * n + k] * A[j * n + k];
-            A[i * n + j] = s / d;
+    for (int j = n - 1; j >= 0; --j) {
+        const double *row = &A[j * n];
+        if (!(row[j] > 0)) return false;
+        const double inverse = 1 / row[j];
+        for (int i = 0; i < j; ++i) {
+            const double share = row[i] * inverse;
+            if (share == 0) continue;
+            b[i] -= share * b[j];
+            for (int k = 0; k <= i; ++k) A[i * n + k] -= share * row[k];
         }
     }
-    for (int i = 0; i < n; ++i) {
-        for (int k = 0; k < i; ++k) b[i] -= A[i * n + k] * b[k];
-        b[i] /= A[i * n + i];
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k) b[i] -= A[k * n + i] * b[k];
-        b[i] /= A[i * n + i];
+    for (int j = 0; j < n; ++j) {
+        for (int k = 0; k < j; ++k) b[j] -= A[j * n + k] * b[k];
+        b[j] /= A[j * n + j];
     }
     return true;
 }

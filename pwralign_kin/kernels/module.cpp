@@ -510,7 +510,7 @@ void bind_search(nb::module_ &m) {
             Assignment a;
             {
                 nb::gil_scoped_release release;
-                const int64_t count = points.shape(0), block = 4096;
+                const int64_t count = points.shape(0), block = 1024;
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
@@ -522,6 +522,18 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
+            const size_t count = normals.shape(0);
+            require(int(placements.shape(0)) == self.model.parts && part.shape(0) == count && sample.shape(0) == count,
+                    "one placement per part, one part and one sample per normal are needed");
+            std::vector<RigidF> F;
+            for (int p = 0; p < self.model.parts; ++p) F.push_back(to_float(read_placement(placements.data() + 16 * p)));
+            std::vector<float> cosines(count, 0.f);
+            for (size_t i = 0; i < count; ++i)
+                if (const int p = part.data()[i]; p >= 0)
+                    cosines[i] = dot(rotate(F.at(p), self.model.surface[p].dense.at(sample.data()[i]).n), vectors(normals)[i]);
+            return to_numpy(std::move(cosines));
+        }, "normals"_a, "placements"_a, "part"_a, "sample"_a)
         .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
             const size_t n = self.model.parts;
             require(placements.shape(0) % n == 0 && mask.shape(0) == n, "one placement per part is needed");

@@ -19,6 +19,8 @@ void up_of(const Rigid &base, const BasePrior::Direction &up, double *out) {
 void way_into(const BasePrior::Box &box, const double *t, double *way) {
     for (int i = 0; i < 3; ++i) way[i] = std::clamp(t[i], box.low[i], box.high[i]) - t[i];
 }
+double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+double squared(double x) { return x * x; }
 double share(double weight, double deviation) { return weight / (deviation * deviation); }
 } // namespace
 
@@ -84,6 +86,35 @@ BasePrior BasePrior::widened(double distance, double angle) const {
     return wide;
 }
 
+Bounds::Bounds(const BasePrior &known, double deviations) : known(known) {
+    if (known.position) position = squared(deviations * known.position->deviation);
+    if (known.region) region = squared(deviations * known.region->deviation);
+    if (known.turn) turn = std::cos(std::min(M_PI, deviations * known.turn->deviation));
+    if (known.up) up = std::cos(std::min(M_PI, deviations * known.up->deviation));
+}
+
+bool Bounds::hold(const Rigid &base) const {
+    double v[3];
+    if (known.position) {
+        for (int i = 0; i < 3; ++i) v[i] = known.position->value[i] - base.t[i];
+        if (dot(v, v) >= position) return false;
+    }
+    if (known.region) {
+        way_into(*known.region, base.t, v);
+        if (dot(v, v) >= region) return false;
+    }
+    if (known.turn) {
+        double trace = 0;
+        for (int i = 0; i < 9; ++i) trace += base.R[i] * known.turn->R[i];
+        if (.5 * (trace - 1) < turn) return false;
+    }
+    if (known.up) {
+        up_of(base, *known.up, v);
+        if (dot(v, known.up->in_scan) < up) return false;
+    }
+    return true;
+}
+
 Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> values, std::vector<double> inverse_deviations)
     : base(known), values(std::move(values)), inverse_deviations(std::move(inverse_deviations)) {
     constexpr int draws = 1000;
@@ -98,7 +129,7 @@ Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> valu
         if (p > 0) between[p] = between[model.parent[p]] + (model.upper[model.actuated[p]] > model.lower[model.actuated[p]]);
         const double distance = slack_distance[std::min(between[p], last)];
         const double turn = between[p] > last ? any_turn : slack_turn[between[p]];
-        wide.push_back(base.widened(distance / free_deviations, turn / free_deviations));
+        wide.emplace_back(base.widened(distance / free_deviations, turn / free_deviations), free_deviations);
     }
     // A fixed seed: what can be reached is a property of the model.
     Random random(21);
@@ -108,7 +139,8 @@ Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> valu
     for (int d = 0; d < draws; ++d) {
         for (int j = 0; j < model.joints; ++j) drawn[j] = model.lower[j] + random.uniform() * (model.upper[j] - model.lower[j]);
         model.forward(Rigid::identity(), drawn.data(), T.data());
-        for (int p = 0; p < model.parts; ++p) bases_in_part[p].push_back(inverse(T[p]));
+        for (int p = 0; p < model.parts; ++p)
+            if (d == 0 || between[p] > 0) bases_in_part[p].push_back(inverse(T[p]));
     }
 }
 
@@ -134,7 +166,7 @@ float Prior::cost(const Rigid &at, const std::vector<double> &joints) const {
 bool Prior::reachable(int part, const Rigid &T) const {
     if (bases_in_part.empty()) return true;
     for (const Rigid &inside : bases_in_part[part])
-        if (wide[part].deviation(T * inside) < free_deviations) return true;
+        if (wide[part].hold(T * inside)) return true;
     return false;
 }
 

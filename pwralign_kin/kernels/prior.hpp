@@ -33,6 +33,16 @@ struct BasePrior {
     BasePrior widened(double distance, double angle) const;
 };
 
+// Whether a base is within so many deviations of what is known, told by squares and cosines: this is asked for every
+// base that each hypothesis leaves possible.
+struct Bounds {
+    BasePrior known;
+    double position = 0, region = 0; // squared distances
+    double turn = -1, up = -1; // cosines
+    Bounds(const BasePrior &known, double deviations);
+    bool hold(const Rigid &base) const;
+};
+
 struct Prior {
     static constexpr double free_deviations = 3;
     BasePrior base;
@@ -42,7 +52,7 @@ struct Prior {
     // Bases that each part can have in its own frame, drawn over the joint limits; empty where nothing is known of the
     // base. The drawn bases stand some way apart, farther the more joints lie between: `wide` makes up for that.
     std::vector<std::vector<Rigid>> bases_in_part;
-    std::vector<BasePrior> wide; // per part
+    std::vector<Bounds> wide; // per part
 
     Prior() = default;
     Prior(const Articulated &model, BasePrior base, std::vector<double> values, std::vector<double> inverse_deviations);

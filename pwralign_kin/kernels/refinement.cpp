@@ -1,3 +1,4 @@
+#include "sample_lanes.hpp"
 #include "search.hpp"
 #include <optional>
 
@@ -69,19 +70,20 @@ void Search::pull_to_scan(const std::vector<Rigid> &T, float sigma, float suppor
         if (!s.exists || part_weights[p] <= 0) continue;
         const RigidF F = to_float(T[p]);
         const int count = s.count(48);
-        for (int i = 0; i < count; ++i) {
-            const Vec x = apply(F, s.p[i]);
-            const int k = field.nearest(x);
-            if (k < 0) continue;
-            const OrientedPoint &q = field.points[k];
-            const Vec m = rotate(F, s.n[i]);
-            const float facing = dot(m, q.n);
-            if (facing < .2f || (field.has_origin && dot(field.sensor - x, m) <= 0)) continue;
-            const Vec d = q.p - x;
-            const float kernel = reach / (reach + dot(d, d));
-            const float w = support_weight * s.w[i] / s.cumulated[count] * part_weights[p] * facing * kernel * kernel;
-            normal[p].add_plane(x - centre, q.n, dot(d, q.n), w);
-            normal[p].add_point(x - centre, d, .05f * w);
+        const float share = support_weight * part_weights[p] / s.cumulated[count];
+        for (int i = 0; i < count; i += lane_count) {
+            const SampleLanes at(field, s, F, i, count);
+            IntLanes pulled = at.found & (at.w > 0) & (at.facing >= .2f);
+            if (field.has_origin) pulled &= at.seen > 0;
+            if (!any_lane(pulled)) continue;
+            const FloatLanes kernel = reach / (reach + at.squared), w = share * at.w * at.facing * kernel * kernel;
+            for (int j = 0; j < lane_count; ++j) {
+                if (!pulled[j]) continue;
+                const OrientedPoint &q = field.points[at.nearest[j]];
+                const Vec x{at.place.x[j], at.place.y[j], at.place.z[j]}, d = q.p - x;
+                normal[p].add_plane(x - centre, q.n, dot(d, q.n), w[j]);
+                normal[p].add_point(x - centre, d, .05f * w[j]);
+            }
         }
     }
 }

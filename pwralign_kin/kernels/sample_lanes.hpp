@@ -16,8 +16,8 @@ struct SampleLanes {
     FloatLanes seen;     // cosine between the sample's normal and the direction to the sensor, times the sensor's distance
     int nearest[lane_count]; // the scan points, 0 where none was found
 
-    // Look at the samples [first, last) of a surface, at most `lane_count`.
-    SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last) {
+    // Look at the samples [first, last) of a surface, at most `lane_count`. What a caller does not use of it costs nothing.
+    __attribute__((always_inline)) SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last) {
         w = first_lanes(last - first) ? load_lanes(&surface.lane_weights[first]) : FloatLanes{};
         place = apply(T, surface.lane_points.at(first));
         const VecLanes normal = rotate(T, surface.lane_normals.at(first));

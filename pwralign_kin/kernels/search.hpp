@@ -102,10 +102,13 @@ struct GridAxis {
     bool circular;
 };
 
-// The best `modes` of a row of scores, ...
-std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis);
+// No score is as low as this.
+constexpr float lowest_score = -1e9f;
+
+// The best `modes` of a row of scores, of those above `least`, ...
+std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis, float least = lowest_score);
 // ... and of a grid of them, the second axis running fastest.
-std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second);
+std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second, float least = lowest_score);
 
 class Search {
   public:
@@ -197,7 +200,7 @@ class Search {
                        std::vector<double> &values) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
-    std::vector<Partial> cross_edge(const std::vector<Partial> &states, int node, Edge edge, float leads_to,
+    std::vector<Partial> cross_edge(std::vector<Partial> states, int node, Edge edge, float leads_to, int most,
                                     const Growth &growth) const;
     std::vector<Edge> silent_path(const Partial &state, int node, Edge edge, const Growth &growth) const;
     std::vector<Partial> cross_silent(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
@@ -229,6 +232,7 @@ class Search {
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
     int support_samples;         // of each part that tell its support
+    float most_trust = 0;        // largest weight of a scan point
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it
 };

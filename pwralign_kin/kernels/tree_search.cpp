@@ -1,6 +1,8 @@
 #include "ordering.hpp"
 #include "search.hpp"
+#include <limits>
 #include <numeric>
+#include <queue>
 
 namespace pwr {
 
@@ -36,6 +38,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     int with_surface = 1;
     for (const Surface &s : model.surface) with_surface += s.exists;
     support_samples = std::clamp(samples_of_model / with_surface, fewest, samples_of_part);
+    for (const float weight : field.weight) most_trust = std::max(most_trust, weight);
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
     shuffled.resize(field.points.size());
@@ -59,12 +62,12 @@ float Search::surface_beyond(int node, int previous, const float *part_weights) 
     return sum;
 }
 
-std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis) {
-    return best_modes(std::move(row), modes, {1, 0, false}, axis);
+std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis, float least) {
+    return best_modes(std::move(row), modes, {1, 0, false}, axis, least);
 }
 
-std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second) {
-    constexpr float taken = -1e9f;
+std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second, float least) {
+    constexpr float taken = lowest_score;
     auto at = [](int i, GridAxis axis) {
         if (axis.circular) return (i % axis.size + axis.size) % axis.size;
         return i < 0 || i >= axis.size ? -1 : i;
@@ -72,7 +75,7 @@ std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, 
     std::vector<int> chosen;
     while (int(chosen.size()) < modes) {
         const int best = int(std::max_element(grid.begin(), grid.end()) - grid.begin());
-        if (grid[best] <= taken) break;
+        if (grid[best] <= std::max(taken, least)) break;
         chosen.push_back(best);
         for (int a = -first.window; a <= first.window; ++a)
             for (int b = -second.window; b <= second.window; ++b) {
@@ -86,9 +89,29 @@ std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, 
 // Without occlusion knowledge an unsupported part is absent, whatever its pose: poses barely differ.
 float Search::damped(float score) const { return field.has_origin || score >= 0 ? score : .02f * score; }
 
-// Sweep the joint of `edge` in every state; the best of all states and modes survive.
-std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &states, int node, Edge edge,
-                                                float leads_to, const Growth &growth) const {
+namespace {
+
+// The least of the best `most` scores, below which nothing counts any more.
+class Bar {
+  public:
+    explicit Bar(int most) : most(most) {}
+    void add(double score) {
+        best.push(score);
+        if (int(best.size()) > most) best.pop();
+    }
+    double height() const { return int(best.size()) < most ? -std::numeric_limits<double>::infinity() : best.top(); }
+
+  private:
+    int most;
+    std::priority_queue<double, std::vector<double>, std::greater<double>> best;
+};
+
+} // namespace
+
+// Sweep the joint of `edge` in every state (given best first); the best `most` of all states and modes survive. What
+// cannot be among them whatever the samples not looked at say is left out.
+std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int node, Edge edge,
+                                                float leads_to, int most, const Growth &growth) const {
     struct Candidate {
         int state;
         double value, score;
@@ -104,28 +127,46 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
     constexpr float little = .03f;
     constexpr int narrow_beam = 8, narrow_modes = 5;
     const bool leads_somewhere = leads_to > 0, is_narrow = leads_to < little;
-    const int beam = is_narrow ? std::min(options.beam, narrow_beam) : options.beam;
+    const int beam = std::min({most, options.beam, is_narrow ? narrow_beam : options.beam});
     const int most_modes = is_narrow ? std::min(options.modes, narrow_modes) : options.modes;
     const bool scored = s.exists && weight > 0;
     const int first = s.count(first_samples), last = s.count(options.sweep_samples);
+    // Sums are rounded: what is hoped for is a little more than what can be.
+    constexpr double rounding = 1e-5;
+    auto hoped = [&](float share) { return scored ? weight * std::max(0.f, damped(share)) + rounding : rounding; };
+    Bar bar(beam);
     std::vector<Candidate> candidates;
+    auto add = [&](Candidate candidate) {
+        bar.add(candidate.score);
+        candidates.push_back(candidate);
+    };
     std::vector<float> row, early;
     std::vector<int> order;
     for (int i = 0; i < int(states.size()); ++i) {
         const Partial &state = states[i];
+        double missing = bar.height() - state.score;
+        if (hoped(most_trust) < missing) continue;
         if (state.known[joint]) {
             const Rigid motion = model.joint_placement(edge.joint, state.values[joint]);
             const Rigid T = state.T[node] * (down ? motion : inverse(motion));
             float value = 0;
             if (scored)
                 value = weight * damped(part_score(edge.to, to_float(T), 0, last, options.support_distance, growth.point_weights) / s.cumulated[last]);
-            candidates.push_back({i, state.values[joint], state.score + value - (edge.to == 0 ? prior.base_cost(T) : 0.f), T});
+            add({i, state.values[joint], state.score + value - (edge.to == 0 ? prior.base_cost(T) : 0.f), T});
+            continue;
+        }
+        if (!leads_somewhere) {
+            // Nothing to see on that side: keep the prior value.
+            const double value = std::clamp(state.values[joint], model.lower[joint], model.upper[joint]);
+            const Rigid motion = model.joint_placement(edge.joint, value);
+            add({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
             continue;
         }
         const int steps = int(sweep.values.size());
         std::vector<Rigid> T(steps);
         row.assign(steps, 0.f);
         for (int v = 0; v < steps; ++v) T[v] = state.T[node] * (down ? sweep.down[v] : sweep.up[v]);
+        auto price = [&](int v) { return prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f); };
         if (scored) {
             early.resize(steps);
             for (int v = 0; v < steps; ++v)
@@ -136,34 +177,35 @@ std::vector<Search::Partial> Search::cross_edge(const std::vector<Partial> &stat
             const int full = std::max(std::min(steps, 2 * most_modes), steps / 2);
             std::nth_element(order.begin(), order.begin() + (full - 1), order.end(),
                              [&](int a, int b) { return early[a] != early[b] ? early[a] > early[b] : a < b; });
-            for (int v = 0; v < steps; ++v) row[v] = early[v] / std::max(1e-9f, s.cumulated[first]) - 1.f;
+            auto worth = [&](float share) { return weight * damped(share); };
+            for (int v = 0; v < steps; ++v) row[v] = worth(early[v] / std::max(1e-9f, s.cumulated[first]) - 1.f);
+            const float rest = most_trust * (s.cumulated[last] - s.cumulated[first]);
             for (int at = 0; at < full; ++at) {
                 const int v = order[at];
-                row[v] = (early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last];
+                if (hoped((early[v] + rest) / s.cumulated[last]) < missing) {
+                    row[v] = lowest_score;
+                    continue;
+                }
+                row[v] = worth((early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last]);
+                // Where one survives, it is the best of a state: what is worse need not be known.
+                if (beam == 1) missing = std::max(missing, double(row[v] - price(v)));
             }
-            for (float &value : row) value = weight * damped(value);
         }
-        for (int v = 0; v < steps; ++v)
-            row[v] -= prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
+        for (int v = 0; v < steps; ++v) row[v] -= price(v);
         int modes, window;
-        if (!leads_somewhere) modes = 1, window = 0;
-        else if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
         else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
-        if (!leads_somewhere) {
-            // Nothing to see on that side: keep the prior value.
-            const double value = std::clamp(state.values[joint], model.lower[joint], model.upper[joint]);
-            const Rigid motion = model.joint_placement(edge.joint, value);
-            candidates.push_back({i, value, state.score, state.T[node] * (down ? motion : inverse(motion))});
-            continue;
-        }
-        for (int v : best_modes(row, modes, {steps, window, sweep.circular}))
-            candidates.push_back({i, sweep.values[v], state.score + row[v], T[v]});
+        for (int v : best_modes(row, std::min(modes, beam), {steps, window, sweep.circular}, float(missing - rounding)))
+            add({i, sweep.values[v], state.score + row[v], T[v]});
     }
     sort_by_score(candidates, beam);
+    std::vector<int> uses(states.size(), 0);
+    for (const Candidate &c : candidates) ++uses[c.state];
     std::vector<Partial> next;
     next.reserve(candidates.size());
     for (const Candidate &c : candidates) {
-        next.push_back(states[c.state]);
+        if (--uses[c.state] == 0) next.push_back(std::move(states[c.state]));
+        else next.push_back(states[c.state]);
         next.back().T[edge.to] = c.T;
         next.back().values[joint] = c.value;
         next.back().known[joint] = 1;
@@ -321,7 +363,7 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
         if (onward.size() > 1) {
             states = unlike(std::move(states), node, options.branch_beam);
             for (Partial &state : states)
-                for (const Edge &e : onward) state = grow_from(state, node, previous, e.to, 1, growth).front();
+                for (const Edge &e : onward) state = grow_from(std::move(state), node, previous, e.to, 1, growth).front();
             sort_by_score(states);
             break;
         }
@@ -332,7 +374,8 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             previous = path[path.size() - 2].to;
         }
         node = path.back().to;
-        states = cross_edge(states, previous, path.back(), surface_beyond(node, previous, growth.part_weights), growth);
+        const int most = edges[node].size() > 1 ? options.beam : keep;
+        states = cross_edge(std::move(states), previous, path.back(), surface_beyond(node, previous, growth.part_weights), most, growth);
         only = -1;
     }
     if (int(states.size()) > keep) states.resize(keep);

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import kernels, se3
+from pwralign_kin import files, kernels, se3
 from pwralign_kin.exceptions import ModelError, StateError, UnknownNameError
 from pwralign_kin.model import cache
+from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
+from pwralign_kin.model.packages import PackageFolders, package_folders
 from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
 from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
 from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
 from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
 from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
-from pwralign_kin.model.urdf import Description, GeometryKind, Joint, read_urdf
+from pwralign_kin.model.urdf import GeometryKind, read_urdf
+from pwralign_kin.model.urdf_writing import as_normalised_urdf
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
@@ -95,7 +100,7 @@ class ArticulatedModel:
     kinematics: Kinematics = field(repr=False)
     """Pinocchio's model of the URDF."""
 
-    package_dirs: tuple[Path, ...] = field(repr=False)
+    package_dirs: PackageFolders = field(repr=False)
     """Folders that were given for the URDF's packages and meshes."""
 
     T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False)
@@ -109,25 +114,31 @@ class ArticulatedModel:
         package_dirs: Iterable[Path | str] = (),
         geometry: GeometryKind = "visual",
         mesh_units: MeshUnits = "ignore",
+        xacro_args: Mapping[str, object] | None = None,
     ) -> ArticulatedModel:
-        """Read a URDF (or xacro, with the xacro extra).
+        """Read a URDF (or xacro, with the xacro extra, its arguments by name in `xacro_args`).
 
-        `package_dirs` are folders that contain packages; besides them packages are looked for in the folders
-        above the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. `geometry` chooses the visual or the collision
-        elements; where the whole URDF has none of them the other serves, with a warning. `mesh_units` says
-        whether a DAE is scaled by its `<unit>` ("apply") or taken to be in metres ("ignore", as most readers
-        do).
+        `package_dirs` are folders that contain packages, or workspaces with packages some levels below; besides
+        them packages are looked for in the folders above the URDF, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
+        `geometry` chooses the visual or the collision elements; where the whole URDF has none of them the other
+        serves, with a warning. `mesh_units` says whether a DAE is scaled by its `<unit>` ("apply") or taken to be
+        in metres ("ignore", as most readers do).
 
         Raises `ModelError` listing every fault, `MissingMeshError` naming every mesh that is not found,
-        `DependencyError` for a xacro without the extra.
+        `UnknownNameError` for an argument that the xacro does not have, `DependencyError` for a xacro without the
+        extra.
         """
+        files.check_path(path, partial(ModelError, "URDF"))
         path = Path(path)
         if geometry not in ("visual", "collision"):
             raise ModelError(path, f"geometry must be 'visual' or 'collision', not {geometry!r}")
         if mesh_units not in ("ignore", "apply"):
             raise ModelError(path, f"mesh_units must be 'ignore' or 'apply', not {mesh_units!r}")
-        folders = tuple(Path(folder).absolute() for folder in package_dirs)
-        description = read_urdf(path, folders, geometry)
+        if not isinstance(xacro_args, Mapping | None):
+            raise ModelError(path, f"xacro_args maps names to values, not {xacro_args!r}")
+        folders = package_folders(package_dirs, path)
+        arguments = {str(name): _as_xacro(value) for name, value in (xacro_args or {}).items()}
+        description = read_urdf(path, folders, geometry, arguments)
         welds = weld_links(description)
         shapes = read_geometry(description, path, folders, mesh_units)
         diagonal = _diagonal_at_zero(welds, shapes)
@@ -139,7 +150,7 @@ class ArticulatedModel:
     def _assemble(
         cls,
         path: Path,
-        package_dirs: tuple[Path, ...],
+        package_dirs: PackageFolders,
         description: Description,
         welds: tuple[Weld, ...],
         shapes: Geometry,
@@ -153,7 +164,7 @@ class ArticulatedModel:
         continuous = np.array([turns for _, _, turns in ranges], dtype=bool)
         indices = {joint.name: index for index, joint in enumerate(actuated)}
         parts = assemble_parts(welds, shapes.visuals, indices, continuous)
-        xml = description.to_xml()
+        xml = as_normalised_urdf(description)
         for warning in warnings:
             logger.warning("%s: %s", path, warning)
         return cls(
@@ -224,6 +235,16 @@ class ArticulatedModel:
         key = f"symmetry-{SYMMETRY_VERSION}-{SURFACE_VERSION}-{self.content_key}"
         return from_arrays(cache.load_or_build(key, lambda: as_arrays(find_symmetry(self.surfaces))))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a pickle holds: the fields. What is prepared from them is found in the cache again."""
+        return {own.name: getattr(self, own.name) for own in dataclasses.fields(self)}
+
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        """Take the fields of a pickle, which forgets that an array is read-only."""
+        self.__dict__.update(fields)
+        for limits in (self.lower, self.upper):
+            limits.flags.writeable = False
+
     def neutral(self) -> dict[str, float]:
         """Return 0 clamped into the limits, by joint name (rad or m)."""
         return dict(zip(self.joint_names, self._neutral_values.tolist(), strict=True))
@@ -252,9 +273,13 @@ class ArticulatedModel:
         for name, value in joints.items():
             if name not in self._index:
                 raise UnknownNameError("joint", name, self.joint_names)
-            lower, upper = self.lower[self._index[name]], self.upper[self._index[name]]
-            if not self.continuous[self._index[name]] and not lower <= value <= upper:
-                raise StateError(f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g}")
+            if not self._allows(name, value):
+                lower, upper = self.lower[self._index[name]], self.upper[self._index[name]]
+                fault = f"joint {name!r} cannot be {value:g}: its limits are {lower:g} to {upper:g} {self.units[name]}"
+                radians = {own: math.radians(joints[own]) for own in joints if self.units.get(own) == "rad"}
+                if name in radians and all(self._allows(*joint) for joint in radians.items()):
+                    fault += ", which it is within if it was meant in degrees"
+                raise StateError(fault)
 
     def part_placements(self, values: Array) -> Array:
         """Return (n_parts, 4, 4) placements of the parts in the root frame for the actuated values (k,)."""
@@ -300,11 +325,20 @@ class ArticulatedModel:
     def _neutral_values(self) -> Array:
         return np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
 
+    def _allows(self, name: str, value: float) -> bool:
+        index = self._index[name]
+        return bool(self.continuous[index] or self.lower[index] <= value <= self.upper[index])
+
     def _checked(self, values: Array) -> Array:
         values = np.asarray(values, dtype=np.float64)
         if values.shape != (len(self.joint_names),):
             raise StateError(f"{self.name}: expected {len(self.joint_names)} joint values, got shape {values.shape}")
         return values
+
+
+def _as_xacro(value: object) -> str:
+    """Return a value as xacro writes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _frozen(values: list[float]) -> Array:

@@ -18,8 +18,9 @@ import numpy as np
 from pwralign_kin import se3
 from pwralign_kin.exceptions import MissingMeshError, ModelError
 from pwralign_kin.model import cache
+from pwralign_kin.model.description import Description, Shape
+from pwralign_kin.model.packages import NO_FOLDERS, PackageFolders
 from pwralign_kin.model.part_graph import IntArray, Visual
-from pwralign_kin.model.urdf import Description, Shape
 from pwralign_kin.se3 import Array
 
 MeshUnits = Literal["ignore", "apply"]
@@ -57,12 +58,12 @@ class Body:
 def read_geometry(
     description: Description,
     path: Path,
-    package_dirs: Sequence[Path] = (),
+    packages: PackageFolders = NO_FOLDERS,
     mesh_units: MeshUnits = "ignore",
 ) -> Geometry:
     """Read the geometry of every link of the URDF at `path`.
 
-    `package_dirs` are folders that contain packages. `mesh_units` says whether the `<unit>` of a DAE scales
+    `packages` are folders with packages. `mesh_units` says whether the `<unit>` of a DAE scales
     it ("apply") or not ("ignore", as yourdfpy and trimesh do; then a unit other than the metre is warned
     about).
 
@@ -72,7 +73,7 @@ def read_geometry(
     shapes = {link.name: link.shapes for link in description.links if link.shapes}
     if not shapes:
         raise ModelError(path, "it has no geometry, neither visual nor collision: nothing to align")
-    contents = _read_files(shapes, path, package_dirs)
+    contents = _read_files(shapes, path, packages)
     sources: list[str | bytes] = [_READER, importlib.metadata.version("trimesh"), mesh_units, repr(shapes)]
     for name, content in contents.items():
         sources += [name, content.path.suffix, *content.files.values()]
@@ -93,14 +94,14 @@ class _Content:
     """By the name that the mesh gives them; the mesh itself under its own file name."""
 
 
-def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path | None, list[Path]]:
+def find_mesh(filename: str, urdf: Path, packages: PackageFolders = NO_FOLDERS) -> tuple[Path | None, list[Path]]:
     """Return the file that `filename` in the URDF means (None: not found), and the paths tried.
 
-    Packages are looked for in `package_dirs`, the folders above the URDF, and those that ROS names; of those
-    only the ones that hold a folder of the package's name count as tried.
+    Packages are looked for in `packages`, the folders above the URDF, and those that ROS names; of those only the
+    ones that hold a folder of the package's name count as tried. Last they are looked for deeper in `packages`.
     """
     tried: list[Path] = []
-    for candidate in _candidates(unquote(filename) if "://" in filename else filename, urdf, package_dirs):
+    for candidate in _candidates(unquote(filename) if "://" in filename else filename, urdf, packages):
         if candidate not in tried:
             tried.append(candidate)
             if candidate.is_file():
@@ -108,24 +109,26 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[Path] = ()) -> t
     return None, tried
 
 
-def _candidates(filename: str, urdf: Path, package_dirs: Sequence[Path]) -> Iterator[Path]:
+def _candidates(filename: str, urdf: Path, packages: PackageFolders) -> Iterator[Path]:
     folders = [urdf.absolute().parent, urdf.resolve().parent]  # a linked URDF may stand beside linked meshes
     above = dict.fromkeys(parent for folder in folders for parent in (folder, *folder.parents))
     filename = filename.replace("\\", "/")
     scheme, separator, rest = filename.partition("://")
     if separator and scheme in ("package", "model"):
         package, _, inside = rest.partition("/")
-        for base in (*package_dirs, *above, *_ros_folders()):
+        for base in (*packages, *above, *_ros_folders()):
             if (base / package).is_dir():
                 yield base / package / inside
             if base.name == package:
                 yield base / inside
         # a URDF that was copied out of its package, meshes beside it
         yield from (base / inside for base in above if (base / inside).is_file())
+        if package in packages.below:
+            yield packages.below[package] / inside
     elif separator:
         yield folders[0] / rest.removeprefix("localhost")  # an absolute path replaces the folder
     else:
-        yield from (base / filename for base in (*folders, *package_dirs))
+        yield from (base / filename for base in (*folders, *packages))
 
 
 def _ros_folders() -> list[Path]:
@@ -134,7 +137,7 @@ def _ros_folders() -> list[Path]:
     return [Path(entry) for entry in ros if entry] + [Path(entry) / "share" for entry in ament if entry]
 
 
-def _read_files(shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs: Sequence[Path]) -> dict[str, _Content]:
+def _read_files(shapes: Mapping[str, Sequence[Shape]], urdf: Path, packages: PackageFolders) -> dict[str, _Content]:
     """The bytes of every mesh, by its name in the URDF."""
     names = dict.fromkeys(shape.filename for own in shapes.values() for shape in own if shape.kind == "mesh")
     faults, missing, contents = [], dict[str, list[Path]](), {}
@@ -142,7 +145,7 @@ def _read_files(shapes: Mapping[str, Sequence[Shape]], urdf: Path, package_dirs:
         if re.match(r"(https?|ftp):", name):
             faults.append(f"mesh {name!r} is on the network: nothing is fetched, store it beside the URDF")
             continue
-        found, tried = find_mesh(name, urdf, package_dirs)
+        found, tried = find_mesh(name, urdf, packages)
         if found is None:
             missing[name] = tried
         elif found.suffix.lower().removeprefix(".") not in MESH_FORMATS:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
-from pwralign_kin.model.urdf import Description, Joint
+from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.se3 import Array
 
 IntArray = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""URDF text -> `Description`: read, check, mend, and write again as a normalised URDF.
+"""URDF -> `Description`: read, check and mend.
 
 What is merely sloppy is mended with a warning; what has no sane reading is a fault, and all faults are
 reported at once in one `ModelError`. After reading, every joint is fixed, revolute, continuous or prismatic:
@@ -8,278 +8,54 @@ actuated joint.
 
 from __future__ import annotations
 
-import codecs
 import dataclasses
 import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from pwralign_kin import se3
-from pwralign_kin.exceptions import DependencyError, ModelError
-from pwralign_kin.se3 import Array
+from pwralign_kin.exceptions import ModelError
+from pwralign_kin.model.description import Color, Description, Joint, Link, Mimic, Origin, Shape, Triple, triple
+from pwralign_kin.model.joint_chains import floating_chain, planar_chain, virtual_link
+from pwralign_kin.model.packages import NO_FOLDERS, PackageFolders
+from pwralign_kin.model.urdf_source import parse_xml, read_source, well_declared
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 GeometryKind = Literal["visual", "collision"]
-Triple = tuple[float, float, float]
-Color = tuple[float, float, float, float]
+
+NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
-
-FREE_REACH = 3.0
-"""Range of the translations of planar and floating joints, in model diagonals each way."""
-
-SLIDE_REACH = 1.0
-"""Range of a prismatic joint without limits, in model diagonals each way."""
 
 LARGEST_NUMBER = 1e9
 """No length, angle or factor of a real model is larger; limits beyond it mean "unlimited"."""
 
-DECLARED_WITHIN = 4096
-"""Bytes at the start of a file in which its XML declaration is looked for."""
 
-LONGEST_SLIDE = 10.0
-"""Prismatic limits beyond so many model diagonals mean "unlimited" and are cut to `FREE_REACH`."""
-
-
-@dataclass(frozen=True)
-class Origin:
-    """A placement as URDF writes it."""
-
-    xyz: Triple = (0.0, 0.0, 0.0)
-    """Translation, m."""
-
-    rpy: Triple = (0.0, 0.0, 0.0)
-    """Fixed-axis roll, pitch, yaw, rad."""
-
-    @property
-    def matrix(self) -> Array:
-        """(4, 4) placement: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-        x, y, z = np.eye(3)
-        roll, pitch, yaw = self.rpy
-        T = np.eye(4)
-        T[:3, :3] = se3.rotation_about(z, yaw) @ se3.rotation_about(y, pitch) @ se3.rotation_about(x, roll)
-        T[:3, 3] = self.xyz
-        return T
-
-
-@dataclass(frozen=True)
-class Shape:
-    """One visual or collision element."""
-
-    kind: str
-    """box, cylinder, sphere, capsule or mesh."""
-
-    size: tuple[float, ...]
-    """box: x y z; cylinder and capsule: radius, length; sphere: radius (m); mesh: scale x y z.
-
-    A capsule's length is that of its cylinder, without the two caps.
-    """
-
-    filename: str = ""
-    """The mesh's name as the URDF gives it."""
-
-    origin: Origin = Origin()
-    """Placement in the link's frame."""
-
-    rgba: Color | None = None
-    """Colour of the URDF's material, each in [0, 1]."""
-
-
-@dataclass(frozen=True)
-class Link:
-    """One link with its geometry of the kind in use."""
-
-    name: str
-    shapes: tuple[Shape, ...] = ()
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """value = multiplier * (value of `joint`) + offset; `joint` is actuated once chains are resolved."""
-
-    joint: str
-    multiplier: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint with at most one degree of freedom."""
-
-    name: str
-    kind: str
-    """fixed, revolute, continuous or prismatic."""
-
-    parent: str
-    child: str
-    origin: Origin = Origin()
-    """Placement of the joint (and child link at value 0) in the parent link's frame."""
-
-    axis: Triple = (1.0, 0.0, 0.0)
-    """Unit axis in the joint's frame."""
-
-    lower: float | None = None
-    upper: float | None = None
-    """Limits, rad or m. None: unlimited (fixed, continuous), or a slide that waits for the model's size."""
-
-    free: bool = False
-    """Whether it is a component of a planar or floating joint."""
-
-    mimic: Mimic | None = None
-
-
-@dataclass(frozen=True)
-class Description:
-    """A checked URDF: a tree of links with one root."""
-
-    name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    root: str
-    warnings: tuple[str, ...] = ()
-    """What was mended, one line each."""
-    source: bytes = field(default=b"", repr=False)
-    """The URDF as its author wrote it, after xacro."""
-
-    def with_ranges(self, diagonal: float) -> Description:
-        """Return the description with every slide's limits finite and sane for a model of `diagonal` (m)."""
-        warnings = list(self.warnings)
-        joints = {joint.name: _with_range(joint, diagonal, warnings) for joint in self.joints}
-        for joint in joints.values():
-            if joint.kind == "prismatic" and joint.lower is None and joint.mimic is not None:
-                leader = joints[joint.mimic.joint]
-                ends = (
-                    (-math.pi, math.pi)
-                    if leader.lower is None or leader.upper is None
-                    else (leader.lower, leader.upper)
-                )
-                lower, upper = sorted(joint.mimic.multiplier * end + joint.mimic.offset for end in ends)
-                joints[joint.name] = dataclasses.replace(joint, lower=lower, upper=upper)
-        return dataclasses.replace(self, joints=tuple(joints.values()), warnings=tuple(warnings))
-
-    def to_xml(self) -> str:
-        """Return a normalised URDF that strict readers (urdfdom, Pinocchio, yourdfpy) accept.
-
-        Mesh names stay as they were given; capsules, which URDF 1.0 does not know, are left out.
-        """
-        from lxml import etree
-
-        robot = etree.Element("robot", name=self.name)
-        for link in self.links:
-            element = etree.SubElement(robot, "link", name=link.name)
-            for shape in link.shapes:
-                if shape.kind != "capsule":
-                    _write_shape(etree.SubElement(element, "visual"), shape)
-        for joint in self.joints:
-            _write_joint(etree.SubElement(robot, "joint", name=joint.name, type=joint.kind), joint)
-        return etree.tostring(robot, encoding="unicode", pretty_print=True)
-
-
-def read_urdf(path: Path, package_dirs: Sequence[Path] = (), geometry: GeometryKind = "visual") -> Description:
-    """Read the URDF (or, with suffix .xacro, the xacro) at `path` with its `geometry`.
+def read_urdf(
+    path: Path,
+    packages: PackageFolders = NO_FOLDERS,
+    geometry: GeometryKind = "visual",
+    xacro_args: Mapping[str, str] = NO_ARGUMENTS,
+) -> Description:
+    """Read the URDF (or, with suffix .xacro, the xacro with `xacro_args`) at `path` with its `geometry`.
 
     Where the whole URDF has no geometry of that kind, the other kind serves, with a warning. A single link
     that lacks the kind in use has no surface: collision hulls, often padded or crude, would put surface where
     none is. Raises `ModelError` with every fault found, `DependencyError` for a xacro without the xacro
     extra.
     """
-    written = _source(path, package_dirs)
-    source = _well_declared(written)
-    description = _Reader(geometry).read(_parse_xml(source, path), path)
+    written = read_source(path, packages, xacro_args)
+    source = well_declared(written)
+    description = _Reader(geometry).read(parse_xml(source, path), path)
     mended = () if source == written else ("its XML declaration is malformed: read as XML 1.0",)
     return dataclasses.replace(description, source=source, warnings=(*mended, *description.warnings))
-
-
-def _source(path: Path, package_dirs: Sequence[Path]) -> bytes:
-    """The bytes of the URDF, after xacro where the suffix says so."""
-    if not path.exists():
-        raise ModelError(path, "no such file")
-    if not path.is_file():
-        raise ModelError(path, "not a file")
-    if path.suffix == ".xacro":
-        return _expand_xacro(path, package_dirs)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ModelError(path, f"cannot read: {error.strerror}") from None
-
-
-def _expand_xacro(path: Path, package_dirs: Sequence[Path]) -> bytes:
-    try:
-        import xacrodoc
-    except ImportError:
-        remedy = 'pip install "pwralign-kin[xacro]"'
-        raise DependencyError(f"{path.name} is a xacro, and xacrodoc is not installed", remedy) from None
-    try:
-        xacrodoc.packages.reset()
-        xacrodoc.packages.update_package_cache(_packages(path, package_dirs))
-        return str(xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()).encode()
-    except Exception as error:  # xacro evaluates the file's own expressions: anything may come out
-        raise ModelError(path, f"xacro fails: {' '.join(str(error).split())}") from None
-
-
-def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, Path]:
-    """Packages by name: those in `package_dirs`, those beside the folders above the file, and those folders.
-
-    Distributions of robots often leave out `package.xml`.
-    """
-    above = path.absolute().parents[:4]
-    beside = [entry for folder in above for entry in _folders(folder)]
-    marked = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
-    given = {entry.name: entry for folder in package_dirs for entry in (folder, *_folders(folder))}
-    return {entry.name: entry for entry in (*beside, *above)} | marked | given
-
-
-def _folders(folder: Path) -> list[Path]:
-    try:
-        return sorted(entry for entry in folder.iterdir() if entry.is_dir())
-    except OSError:
-        return []
-
-
-def _well_declared(source: bytes) -> bytes:
-    """The source with its XML declaration at the start and of version 1.0, which readers of URDFs do not insist on."""
-    declaration = re.search(rb"<\?xml\s([^>]*)\?>", source[:DECLARED_WITHIN])
-    if declaration is None:
-        return source
-    before = source[: declaration.start()].removeprefix(codecs.BOM_UTF8)
-    if not before and re.search(rb"version\s*=\s*[\"']1\.\d[\"']", declaration[1]):
-        return source
-    encoding = re.search(rb"encoding\s*=\s*[\"']([\w.-]+)[\"']", declaration[1])
-    start = b'<?xml version="1.0" encoding="%s"?>' % (encoding[1] if encoding else b"utf-8")
-    return start + before.lstrip() + source[declaration.end() :]
-
-
-def _parse_xml(source: bytes, path: Path) -> Element:
-    """The root element, with nothing outside the file read and no entity expanded."""
-    from lxml import etree
-
-    def parser(recover: bool) -> etree.XMLParser:
-        return etree.XMLParser(
-            resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True, recover=recover
-        )
-
-    strict = parser(recover=False)
-    try:
-        root = etree.fromstring(source, strict)
-    except etree.XMLSyntaxError as error:
-        # Old URDFs hold simulator tags with undeclared prefixes: those alone are forgiven.
-        if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
-            raise ModelError(path, f"not XML: {error}") from None
-        root = etree.fromstring(source, parser(recover=True))
-    if root.getroottree().docinfo.internalDTD is not None:
-        raise ModelError(path, "declares a document type; none is read, remove it")
-    if root.tag != "robot":
-        raise ModelError(path, f"not a URDF: its root element is <{root.tag}>, not <robot>")
-    return root
 
 
 class _Reader:
@@ -311,7 +87,7 @@ class _Reader:
         for element in robot.iterfind("joint"):
             chain = self._joint(element)
             joints += chain
-            links += [Link(joint.child) for joint in chain if joint.free and joint.child == _virtual_link(joint.name)]
+            links += [Link(joint.child) for joint in chain if joint.free and joint.child == virtual_link(joint.name)]
         self._check_names("link", [link.name for link in links])
         self._check_names("joint", [joint.name for joint in joints])
         root = self._check_tree([link.name for link in links], joints)
@@ -362,7 +138,7 @@ class _Reader:
                 self.faults.append(f"{where}: quat_xyzw of <origin> is zero")
                 quaternion = (0.0, 0.0, 0.0, 1.0)
             rpy = se3.roll_pitch_yaw(se3.from_quaternion(np.zeros(3), np.array(quaternion)))
-        return Origin(_triple(xyz), _triple(rpy))
+        return Origin(triple(xyz), triple(rpy))
 
     # ---- links
 
@@ -413,7 +189,7 @@ class _Reader:
         scale = self._numbers(form, "scale", 1 if len(words) == 1 else 3, where)
         if 0.0 in scale:
             self.faults.append(f"{where}: mesh {filename!r} has a scale of zero")
-        return Shape("mesh", _triple(scale * 3 if len(scale) == 1 else scale), filename)
+        return Shape("mesh", triple(scale * 3 if len(scale) == 1 else scale), filename)
 
     def _color(self, material: Element) -> Color | None:
         """The colour that the element itself gives; a malformed one tints nothing and is no fault."""
@@ -445,10 +221,10 @@ class _Reader:
         if kind in ("planar", "floating") and element.find("mimic") is not None:
             self.faults.append(f"{where}: a {kind} joint cannot mimic")
         if kind == "floating":
-            return _floating_chain(joint)
+            return floating_chain(joint)
         joint = dataclasses.replace(joint, axis=self._axis(element, where))
         if kind == "planar":
-            return _planar_chain(joint)
+            return planar_chain(joint)
         joint = dataclasses.replace(joint, mimic=self._mimic(element, where))
         return [self._limited(joint, element.find("limit"), where)]
 
@@ -466,7 +242,7 @@ class _Reader:
             return (1.0, 0.0, 0.0)
         if abs(length - 1.0) > 1e-3:
             self.warnings.append(f"{where}: axis of length {length:.4g} normalised")
-        return _triple([value / length for value in axis])
+        return triple([value / length for value in axis])
 
     def _limited(self, joint: Joint, element: Element | None, where: str) -> Joint:
         """The joint with its limits, mended. Whatever mimics and has no limits of its own is unlimited."""
@@ -579,118 +355,6 @@ class _Reader:
                 mimic.multiplier * leader.mimic.offset + mimic.offset,
             )
         return None
-
-
-def _with_range(joint: Joint, diagonal: float, warnings: list[str]) -> Joint:
-    """The joint with finite and sane limits if it is a slide that follows no other."""
-    if joint.kind != "prismatic" or joint.mimic is not None:
-        return joint
-    if joint.lower is None or joint.upper is None:
-        reach = (FREE_REACH if joint.free else SLIDE_REACH) * diagonal
-        if not joint.free:
-            warnings.append(
-                f"joint {joint.name!r}: no limits, taken as {-reach:.3g}..{reach:.3g} m by the model's size"
-            )
-        return dataclasses.replace(joint, lower=-reach, upper=reach)
-    if max(-joint.lower, joint.upper) <= LONGEST_SLIDE * diagonal:
-        return joint
-    reach = FREE_REACH * diagonal
-    lower, upper = max(joint.lower, -reach), min(joint.upper, reach)
-    if lower >= upper:
-        return joint
-    warnings.append(
-        f"joint {joint.name!r}: limits {joint.lower:.3g}..{joint.upper:.3g} m are far beyond the model's "
-        f"size: cut to {lower:.3g}..{upper:.3g} m"
-    )
-    return dataclasses.replace(joint, lower=lower, upper=upper)
-
-
-def _planar_chain(joint: Joint) -> list[Joint]:
-    """Slides along two directions orthogonal to the axis, then a turn about the axis.
-
-    The directions are the next two coordinate axes in cyclic order (for the axis z: x and y), made orthogonal
-    to the axis.
-    """
-    axis = np.array(joint.axis)
-    first = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
-    first = first - axis * (axis @ first)
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    return _chain(joint, [("x", "prismatic", first), ("y", "prismatic", second), ("yaw", "continuous", axis)])
-
-
-def _floating_chain(joint: Joint) -> list[Joint]:
-    """Slides along x, y, z, then turns in the order that makes roll, pitch, yaw URDF's fixed-axis angles."""
-    x, y, z = np.eye(3)
-    slides = [("x", "prismatic", x), ("y", "prismatic", y), ("z", "prismatic", z)]
-    turns = [("yaw", "continuous", z), ("pitch", "revolute", y), ("roll", "continuous", x)]
-    chain = _chain(joint, [*slides, *turns])
-    return [*chain[:3], *reversed(chain[3:])]
-
-
-def _chain(joint: Joint, steps: Sequence[tuple[str, str, Array]]) -> list[Joint]:
-    """One-axis joints over virtual links that together move like `joint`."""
-    chain, parent, origin = [], joint.parent, joint.origin
-    for position, (suffix, kind, axis) in enumerate(steps, start=1):
-        name = f"{joint.name}.{suffix}"
-        child = joint.child if position == len(steps) else _virtual_link(name)
-        limit = math.pi / 2 if kind == "revolute" else None
-        lower = None if limit is None else -limit
-        chain.append(Joint(name, kind, parent, child, origin, _triple(axis), lower, limit, free=True))
-        parent, origin = child, Origin()
-    return chain
-
-
-def _virtual_link(joint: str) -> str:
-    return f"{joint}.link"
-
-
-def _write_shape(element: Element, shape: Shape) -> None:
-    from lxml import etree
-
-    _write_origin(element, shape.origin)
-    geometry = etree.SubElement(element, "geometry")
-    if shape.kind == "mesh":
-        etree.SubElement(geometry, "mesh", filename=shape.filename, scale=_text(shape.size))
-    elif shape.kind == "box":
-        etree.SubElement(geometry, "box", size=_text(shape.size))
-    elif shape.kind == "sphere":
-        etree.SubElement(geometry, "sphere", radius=repr(shape.size[0]))
-    else:
-        etree.SubElement(geometry, "cylinder", radius=repr(shape.size[0]), length=repr(shape.size[1]))
-    if shape.rgba is not None:
-        etree.SubElement(etree.SubElement(element, "material", name=""), "color", rgba=_text(shape.rgba))
-
-
-def _write_joint(element: Element, joint: Joint) -> None:
-    from lxml import etree
-
-    _write_origin(element, joint.origin)
-    etree.SubElement(element, "parent", link=joint.parent)
-    etree.SubElement(element, "child", link=joint.child)
-    if joint.kind == "fixed":
-        return
-    etree.SubElement(element, "axis", xyz=_text(joint.axis))
-    if joint.lower is not None and joint.upper is not None:
-        limits = {"lower": joint.lower, "upper": joint.upper, "effort": 0.0, "velocity": 0.0}
-        etree.SubElement(element, "limit", {key: repr(value) for key, value in limits.items()})
-    if joint.mimic is not None:
-        factors = {"multiplier": repr(joint.mimic.multiplier), "offset": repr(joint.mimic.offset)}
-        etree.SubElement(element, "mimic", {"joint": joint.mimic.joint, **factors})
-
-
-def _write_origin(element: Element, origin: Origin) -> None:
-    from lxml import etree
-
-    etree.SubElement(element, "origin", xyz=_text(origin.xyz), rpy=_text(origin.rpy))
-
-
-def _text(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
-def _triple(values: Sequence[float] | Array) -> Triple:
-    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 def _floats(text: str) -> tuple[float, ...] | None:

@@ -3,7 +3,7 @@
 from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.frames import FrameOptions, read_frames
 from pwralign_kin.scan.scan import METRES, DepthCamera, Scan
-from pwralign_kin.scan.units import check_units, likely_unit
+from pwralign_kin.scan.units import check_named_unit, check_units, likely_unit
 from pwralign_kin.scan.writers import write_ply
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "DepthFrame",
     "FrameOptions",
     "Scan",
+    "check_named_unit",
     "check_units",
     "likely_unit",
     "read_frames",

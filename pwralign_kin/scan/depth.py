@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import ScanError
+from pwralign_kin.files import check_path
 from pwralign_kin.scan.scan import Scan, checked_intrinsics
 from pwralign_kin.se3 import Array, checked_placement
+
+MILLIMETRES = 0.001
+"""m per unit of what most depth cameras write."""
 
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """A depth image and its pinhole camera.
+    """A depth image and its pinhole camera; one without any return is a frame in which nothing is seen.
 
     Raises `ScanError` for wrong shapes or numbers, `StateError` for a `T_scan_camera` that is not rigid.
     """
@@ -51,6 +56,37 @@ class DepthFrame:
         object.__setattr__(self, "depth", np.ascontiguousarray(depth, compact))
         object.__setattr__(self, "intrinsics", checked_intrinsics(self.intrinsics, str(self.source)))
         object.__setattr__(self, "T_scan_camera", checked_placement(self.T_scan_camera, "T_scan_camera"))
+
+    @classmethod
+    def load(
+        cls,
+        path: Path | str,
+        intrinsics: ArrayLike | None,
+        T_scan_camera: ArrayLike | None = None,
+        scale: float = MILLIMETRES,
+    ) -> DepthFrame:
+        """Read a PNG image of one channel of 16 bits; the arguments are the fields.
+
+        Raises `ScanError` for a file that is missing or no such image, and without intrinsics.
+        """
+        from PIL import Image, UnidentifiedImageError
+
+        check_path(path, partial(ScanError, "depth image"))
+        path = Path(path)
+        if intrinsics is None:
+            raise ScanError(path, "a depth image needs the intrinsics of its camera: fx fy cx cy, pixels")
+        try:
+            with Image.open(path, formats=["PNG"]) as image:
+                mode = image.mode
+                depth = np.asarray(image)
+        except FileNotFoundError:
+            raise ScanError(path, "no such file") from None
+        except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+            raise ScanError(path, f"not a readable PNG image: {error}") from None
+        if not mode.startswith("I"):
+            raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
+        T = np.eye(4) if T_scan_camera is None else np.asarray(T_scan_camera, dtype=np.float64)
+        return cls(depth.astype(np.uint16), checked_intrinsics(intrinsics, str(path)), T, scale, path)
 
     @property
     def metres(self) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
-from pwralign_kin.scan.depth import DepthFrame
+from pwralign_kin.scan.depth import MILLIMETRES, DepthFrame
 from pwralign_kin.scan.scan import Scan, checked_intrinsics, cloud_frame
 from pwralign_kin.se3 import Array
 
@@ -49,7 +49,7 @@ class FrameOptions:
     """(3,) where point clouds were seen from, in their unit."""
     intrinsics: ArrayLike | None = None
     """(3, 3), or (fx, fy, cx, cy), pixels, of depth images."""
-    depth_scale: float = 0.001
+    depth_scale: float = MILLIMETRES
     """m per unit of integer depth images."""
     T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
     """(4, 4) placement of the camera of depth images in the scan frame, m."""
@@ -128,32 +128,13 @@ def _files(paths: Sequence[Path], options: FrameOptions) -> Iterator[TimedFrame]
     for index, path in enumerate(paths):
         time = float(path.stem) if timed else index / options.rate
         if path.suffix.lower() == ".png":
-            yield time, _depth_image(path, options)
+            yield time, DepthFrame.load(path, options.intrinsics, options.T_scan_camera, options.depth_scale)
         else:
             try:
                 yield time, Scan.load(path, sensor_origin=options.sensor_origin)
             except EmptyScanError as error:
                 logger.warning("%s: taken as a frame without returns", error)
                 yield time, np.zeros((0, 3))
-
-
-def _depth_image(path: Path, options: FrameOptions) -> DepthFrame:
-    from PIL import Image, UnidentifiedImageError
-
-    if options.intrinsics is None:
-        raise ScanError(path, "a depth image needs the intrinsics of its camera: fx fy cx cy, pixels")
-    try:
-        with Image.open(path, formats=["PNG"]) as image:
-            mode = image.mode
-            depth = np.asarray(image)
-    except FileNotFoundError:
-        raise ScanError(path, "no such file") from None
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
-        raise ScanError(path, f"not a readable PNG image: {error}") from None
-    if not mode.startswith("I"):
-        raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
-    intrinsics = checked_intrinsics(options.intrinsics, str(path))
-    return DepthFrame(depth.astype(np.uint16), intrinsics, options.T_scan_camera, options.depth_scale, path)
 
 
 def _sequence(archive: Any, path: Path, options: FrameOptions) -> Iterator[TimedFrame]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
+from pwralign_kin.files import check_path
 from pwralign_kin.scan.content import FileContent
 from pwralign_kin.scan.meshes import read_glb, read_obj, read_stl
 from pwralign_kin.scan.pcd import read_pcd
@@ -32,12 +34,14 @@ def read(path: Path | str) -> FileContent:
 
     Formats by suffix: .ply, .pcd, .xyz .pts .txt .asc .csv, .npy .npz, .obj, .stl, .glb. Text has x, y, z in
     its first three columns or under a heading that names them, an optional leading count, comments after # or
-    //. NPZ has the key `points` and optionally `sensor_origin` and `normals`. Meshes are sampled uniformly by
-    area, 50,000 points, always the same; a mesh file without faces gives its vertices.
+    //. NPZ has the key `points` (or one array (n, 3) alone) and optionally `sensor_origin` and `normals`.
+    Meshes are sampled uniformly by area, 50,000 points, always the same; a mesh file without faces gives its
+    vertices.
 
     Raises `ScanError` for a file that is missing, a folder, unreadable, of an unknown suffix, empty,
     truncated, malformed or not numeric.
     """
+    check_path(path, partial(ScanError, "scan"))
     path = Path(path)
     if path.is_dir():
         raise ScanError(path, "this is a folder, not a scan file")
@@ -45,9 +49,8 @@ def read(path: Path | str) -> FileContent:
         raise ScanError(path, "no such file")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        depth = "; a depth image becomes a scan by `pwralign track` or `Scan.from_depth`, with its camera's intrinsics"
-        is_image = path.suffix.lower() in _IMAGES
-        raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}{depth if is_image else ''}")
+        way_out = _WAYS_OUT.get(path.suffix.lower(), "")
+        raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}{way_out}")
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -144,12 +147,22 @@ def _read_npz(data: bytes, path: Path) -> FileContent:
     known = ("points", "sensor_origin", "normals")
     arrays = {name: member(archive, name, path) for name in known if name in archive.files}
     if "points" not in arrays:
-        raise ScanError(path, f"no array named points; the file has {', '.join(archive.files) or 'none'}")
+        arrays["points"] = _only_points(archive, path)
     return FileContent(
         points=_columns_xyz(arrays["points"], path, "points"),
         normals=_columns_xyz(arrays["normals"], path, "normals") if "normals" in arrays else None,
         sensor_origin=_numeric(arrays["sensor_origin"], path, "sensor_origin") if "sensor_origin" in arrays else None,
     )
+
+
+def _only_points(archive: Any, path: Path) -> NDArray[Any]:
+    """Return the one array (n, 3) of an archive that calls its points something else."""
+    own = {name: member(archive, name, path) for name in archive.files if name not in ("sensor_origin", "normals")}
+    clouds = [array for array in own.values() if array.ndim == 2 and array.shape[1] == 3 and len(array) != 3]
+    if len(clouds) != 1:
+        listed = ", ".join(f"{name} {array.shape}" for name, array in own.items()) or "none"
+        raise ScanError(path, f"no array named points, and not one alone of the shape (n, 3); the file has {listed}")
+    return clouds[0]
 
 
 def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
@@ -184,10 +197,21 @@ def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
     """Return x, y, z (n, 3) of an array (n, 3) or of an organised cloud (height, width, 3), with any more columns."""
     if array.ndim not in (2, 3) or array.shape[-1] < 3:
         raise ScanError(path, f"the array {name} must have the shape (n, 3) or (height, width, 3), got {array.shape}")
+    if array.ndim == 2 and len(array) == 3 < array.shape[1]:
+        raise ScanError(path, f"the array {name} has its points in columns, {array.shape}: transpose it to (n, 3)")
     return _numeric(array, path, name).reshape(-1, array.shape[-1])[:, :3]
 
 
-_IMAGES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr")
+_IMAGE = "; a 16-bit PNG depth image is read with its camera's intrinsics (--intrinsics, or `DepthFrame.load`)"
+_SURVEY = "; convert it to PLY, with CloudCompare or PDAL: pdal translate SCAN scan.ply"
+_MESH = "; convert it to PLY or GLB, with MeshLab, Blender or trimesh: trimesh.load(SCAN).export('scan.ply')"
+
+_WAYS_OUT = {
+    **dict.fromkeys((".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr"), _IMAGE),
+    **dict.fromkeys((".las", ".laz", ".e57", ".ptx"), _SURVEY),
+    **dict.fromkeys((".off", ".gltf", ".dae", ".fbx", ".3mf"), _MESH),
+}
+"""What to do with files of other formats."""
 
 
 _READERS: dict[str, Callable[[bytes, Path], FileContent]] = {

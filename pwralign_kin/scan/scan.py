@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
-from pwralign_kin.se3 import Array, checked_placement, transform
+from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ LARGEST = float(np.finfo(np.float32).max)
 them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DepthCamera:
     """The pinhole camera of a depth image. What lies outside its image was not looked at: unknown, not
     free."""
@@ -95,7 +95,9 @@ class Scan:
         self.source = str(source)
         given = self._numbers(points, "points")
         if given.ndim != 2 or given.shape[1] != 3:
-            raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}")
+            columns = given.ndim == 2 and len(given) == 3
+            hint = ": its points are in columns, transpose it" if columns else ""
+            raise ScanError(self.source, f"points must have the shape (n, 3), got {given.shape}{hint}")
         if len(given) == 0:
             raise EmptyScanError(self.source, "the scan has no points")
         finite = (np.abs(given) <= LARGEST).all(axis=1)
@@ -184,11 +186,10 @@ class Scan:
             returned = np.isfinite(distance) & (distance > 0.0) & used.astype(bool)
         if not returned.any():
             raise ScanError(word, "no pixel in use has a depth")
-        distance[~returned] = np.nan
-        columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-        pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1).reshape(-1, 3)
-        rays = pixels @ np.linalg.inv(K).T
-        scan = cls(transform(T, distance.reshape(-1, 1) * rays), sensor_origin=T[:3, 3], source=source)
+        rows, columns = np.nonzero(returned)
+        rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(K).T
+        scan = cls(transform(T, distance[returned][:, None] * rays), sensor_origin=T[:3, 3], source=source)
+        scan.source_index, scan.n_input = _frozen(np.flatnonzero(returned)[scan.source_index]), raw.size
         scan.camera = DepthCamera(intrinsics=_frozen(K), width=width, height=height, T_scan_camera=_frozen(T))
         return scan
 
@@ -241,7 +242,7 @@ class Scan:
 
     def _numbers(self, value: ArrayLike, name: str) -> Array:
         try:
-            return np.array(value, dtype=np.float64, order="C")
+            return as_floats(value)
         except (TypeError, ValueError) as error:
             raise ScanError(self.source, f"{name} are not an array of numbers: {error}") from None
 
@@ -305,7 +306,7 @@ def _frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
 def checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
     """Return the (3, 3) camera matrix of `intrinsics`, which is one already or (fx, fy, cx, cy)."""
     try:
-        K = np.array(intrinsics, dtype=np.float64)
+        K = as_floats(intrinsics)
     except (TypeError, ValueError):
         K = np.empty(0)
     if K.shape == (4,):

@@ -23,6 +23,9 @@ that are as large."""
 MILLIMETRE_FIRST = 2.0
 """By so much a size in millimetres may be farther from the model's than one in another unit."""
 
+SPECK = 0.02
+"""A scan that spans less than this share of the model's diagonal in the unit it is said to have is in another."""
+
 MAX_RELATIVE_SPACING = 0.1
 """With neighbours farther apart than this share of the diagonal, fewer than about a hundred points show the
 model."""
@@ -53,6 +56,18 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
         return scan.scaled(METRES[likely])
     way_out = f"if it is in {PLURALS[likely]}, use --units {likely} (units={likely!r}), else crop it (--crop)"
     raise UnitError(scan.source, f"{fault}; {way_out}", METRES[likely])
+
+
+def check_named_unit(scan: Scan, model_diagonal: float, units: Units) -> None:
+    """Raise `UnitError` where `scan`, in the unit of its file, cannot be in the unit that it is said to have."""
+    ratio, likely = METRES[units] * scan.diagonal / model_diagonal, likely_unit(scan, model_diagonal)
+    if ratio < SPECK and likely != units:
+        raise UnitError(
+            scan.source,
+            f"in {units} the scan is {ratio:.2g} times as large as the model; it is likely in {likely}: use "
+            f"--units {likely}",
+            METRES[likely],
+        )
 
 
 def likely_unit(scan: Scan, model_diagonal: float) -> str:

@@ -15,7 +15,7 @@ Body = tuple[Array, NDArray[np.int64]]
 """Vertices (v, 3), m, and faces (f, 3) of one rigid body in the world."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DepthImage:
     """What one camera sees."""
 

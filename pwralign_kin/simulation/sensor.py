@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
 from types import MappingProxyType
 
 import numpy as np
@@ -79,6 +80,13 @@ class Sensor:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        for own in fields(self):
+            value = getattr(self, own.name)
+            kind = {"int": Integral, "float": Real}.get(str(own.type), object)
+            if not isinstance(value, kind):
+                raise ScanError("simulated sensor", f"{own.name} must be a number ({own.type}), not {value!r}")
+        if len(self.distance) != 2 or not all(isinstance(bound, Real) for bound in self.distance):
+            raise ScanError("simulated sensor", f"distance must be the nearest and the farthest, not {self.distance!r}")
         near, far = self.distance
         faults = {
             "views must be at least 1": self.views < 1,

@@ -54,7 +54,7 @@ class Motion:
             raise ScanError("simulated motion", "speeds must not be negative, and the rate must be positive")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedFrame:
     """What the cameras see at one moment."""
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files
 from pwralign_kin.exceptions import ModelError, ScanError, UnknownNameError
+from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan, write_ply
 from pwralign_kin.se3 import Array, rotation_about, transform
 from pwralign_kin.simulation.clutter import table_and_solids
 from pwralign_kin.simulation.raycasting import Body, DepthImage, World
 from pwralign_kin.simulation.sensor import FULL, GuessError, Sensor
 from pwralign_kin.state import State
-
-if TYPE_CHECKING:
-    from pwralign_kin.model import ArticulatedModel
 
 _PLACEMENT_RANGE = 2.0
 """A random base lies within this many diagonals of the scan's origin, along each axis."""
@@ -42,7 +40,7 @@ _MIN_PART_SHARE = 0.01
 """A part drawn to be missing has at least this share of the points, so that its loss is one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedCopy:
     """Another copy of the model in a simulated scene: finding it is as right as finding the first."""
 
@@ -51,7 +49,7 @@ class SimulatedCopy:
     """(n,) as `SimulatedScan.labels`, but of this copy."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedScan:
     """A scan with its truth."""
 
@@ -133,6 +131,9 @@ def simulate(
     that do not exist, and `ScanError` when too few points are left to make a scan.
     """
     check_seed(seed)
+    for value, kind in ((model, ArticulatedModel), (state, State | None), (sensor, Sensor)):
+        if not isinstance(value, kind):
+            raise ScanError("simulation", f"expected {getattr(kind, '__name__', 'State')}, got {type(value).__name__}")
     if not any(len(part.faces) for part in model.parts):
         raise ModelError(model.urdf_path, "the model has no geometry to scan")
     unknown = [name for name in sensor.missing_parts if name not in part_names(model)]
@@ -190,8 +191,8 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 def check_seed(seed: int) -> None:
     """Raise `ScanError` for a seed that cannot be one."""
-    if seed < 0:
-        raise ScanError("simulation", f"seed must not be negative, got {seed}")
+    if not isinstance(seed, Integral) or seed < 0:
+        raise ScanError("simulation", f"the seed must be a whole number and not negative, not {seed!r}")
 
 
 def part_names(model: ArticulatedModel) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
@@ -32,6 +33,13 @@ class TrackerOptions:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        for name in ("points", "cell", "margin", "iterations"):
+            if not isinstance(getattr(self, name), Real):
+                raise StateError(f"{name} must be a number, not {getattr(self, name)!r}")
+        if not isinstance(self.time_limit, Real | None):
+            raise StateError(f"the time limit of a frame must be a number, not {self.time_limit!r}")
+        if not isinstance(self.estimator, EstimatorOptions):
+            raise StateError(f"estimator must be EstimatorOptions, not {self.estimator!r}")
         if self.points < 100 or self.iterations < 1 or not (self.cell > 0.0 and self.margin > 0.0):
             raise StateError("a tracker needs at least 100 points and one iteration, and a positive cell and margin")
         if self.time_limit is not None and not (np.isfinite(self.time_limit) and self.time_limit > 0.0):

@@ -10,7 +10,7 @@ from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TrackedFrame:
     """What one frame tells."""
 

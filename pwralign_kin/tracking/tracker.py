@@ -93,6 +93,8 @@ class Tracker:
     ) -> None:
         """Prepare for the first frame. Raises what `estimate` raises for options and guesses that do not fit."""
         self.model = model
+        if not isinstance(options, TrackerOptions | None):
+            raise StateError(f"options must be TrackerOptions, not {type(options).__name__}")
         self.options = options or TrackerOptions()
         self._estimator = Estimator(model, self.options.estimator)
         self._unit = model.joint_scales

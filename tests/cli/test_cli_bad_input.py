@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from command_line import LIMIT, Call
 
+from pwralign_kin.cli import messages
 from pwralign_kin.scan import Scan
 
 POINTS = np.random.default_rng(0).uniform(-0.3, 0.3, (500, 3))
@@ -65,6 +66,19 @@ def test_scan_files_that_are_none(
 def test_urdf_files_that_are_none(content: bytes, cloud: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     (tmp_path / "x.urdf").write_bytes(content)
     assert "x.urdf" in refused(tmp_path / "x.urdf", cloud)
+
+
+def test_xacro_arguments_reach_the_xacro(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    text = arm.read_text().replace('name="arm">', 'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">', 1)
+    xacro = tmp_path / "arm.urdf.xacro"
+    xacro.write_text(text.replace("<link", '<xacro:arg name="name"/><link', 1))
+    assert "--xacro-arg name=VALUE" in pwralign("inspect", xacro).error()
+    for given in ("name=left", "name:=left"):
+        outcome = pwralign("inspect", xacro, "--xacro-arg", given)
+        assert outcome.code == 0 and outcome.out.startswith("left: 3 parts"), outcome.err
+    assert "name=value" in pwralign("inspect", xacro, "--xacro-arg", "left").error()
+    assert "no such folder" in pwralign("inspect", arm, "--package-dir", tmp_path / "none").error()
 
 
 def test_missing_meshes_are_named(write_arm: Callable[..., Path], cloud: Path, refused: Callable[..., str]) -> None:
@@ -297,3 +311,44 @@ def test_as_a_process_of_its_own(arm: Path, tmp_path: Path) -> None:
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("pwralign: error: ")
+
+
+def test_numbers_that_are_no_direction_or_placement(arm: Path, cloud: Path, pwralign: Call) -> None:
+    for gravity in ((0, 0, 0), ("nan", 0, 1)):
+        outcome = pwralign("estimate", arm, cloud, "--gravity", *gravity)
+        assert outcome.code == 2 and "--gravity" in outcome.error()
+    error = pwralign("estimate", arm, cloud, "--base", "nan", 0, 0, 0, 0, 0, 1).error()
+    assert "finite" in error and "shape" not in error
+
+
+def test_a_scan_that_nothing_can_be_placed_in(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    np.save(tmp_path / "line.npy", np.linspace((0, 0, 0), (0.5, 0, 0), 500))
+    error = pwralign("estimate", arm, tmp_path / "line.npy").error()
+    assert "a line" in error and "pairs" not in error
+
+
+def test_a_scan_in_metres_that_is_said_to_be_in_millimetres(arm: Path, cloud: Path, pwralign: Call) -> None:
+    assert "use --units m" in pwralign("estimate", arm, cloud, "--units", "mm").error()
+
+
+def test_usage_errors_name_the_verb(arm: Path, pwralign: Call) -> None:
+    for arguments, words in (
+        (("estimate", arm, "--no-such"), "pwralign estimate --help"),
+        (("calibrate", arm), "pwralign calibrate --help"),
+        (("no-such",), "pwralign --help"),
+    ):
+        outcome = pwralign(*arguments)
+        assert outcome.code == 2 and words in outcome.error()
+
+
+def test_little_confidence_is_not_rounded_up(capfd: pytest.CaptureFixture[str]) -> None:
+    assert messages.outcome(0.4999, "result") == 3
+    assert "(0.49, below 0.5)" in capfd.readouterr().err
+
+
+def test_inspect_tells_extents_with_their_unit(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    """In the unit that is likely; of a scan in feet, that no unit fits one of the model alone."""
+    corners = np.random.default_rng(0).random((3000, 3)).round(1) * 0.5
+    for factor, words in ((1.0, "0.5 x 0.5 x 0.5 m"), (1e3, "500 x 500 x 500 mm"), (3.3, "unit that is not read")):
+        np.save(tmp_path / "scan.npy", factor * corners)
+        assert words in pwralign("inspect", arm, tmp_path / "scan.npy").out

@@ -36,6 +36,7 @@ def test_methods_side_by_side(arm: Path, tmp_path: Path, pwralign: Call) -> None
     ("arguments", "word"),
     [
         (("--methods", "defualt"), "did you mean 'default'"),
+        (("--methods", "nope"), "valid: fast, default"),
         (("--tiers", "fulll"), "did you mean 'full'"),
         (("--methods", "fast", "--baseline", "default"), "no method named 'default'"),
         (("--repeats", "0"), "--repeats"),

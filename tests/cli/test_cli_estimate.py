@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Call, Outcome
+from PIL import Image
 
-from pwralign_kin import State, se3
+from pwralign_kin import ArticulatedModel, State, se3
 from pwralign_kin.scan import Scan
+from pwralign_kin.simulation import simulate_sequence
 
 
 def _answer(outcome: Outcome) -> dict[str, object]:
@@ -142,3 +144,27 @@ def test_correspondences_from_outside(
     np.savez(tmp_path / "pairs.npz", source=source, target=target, weight=np.ones(60))
     answer = _answer(pwralign("estimate", arm, scan, "--json", "--correspondences", tmp_path / "pairs.npz"))
     _assert_right(answer, truth)
+
+
+def test_finds_the_pose_in_a_depth_image(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    (frame,) = simulate_sequence(ArticulatedModel.from_urdf(arm), 1, seed=3)
+    image = frame.images[0]
+    Image.fromarray(np.rint(1e4 * np.nan_to_num(image.depth)).astype(np.uint16)).save(tmp_path / "depth.png")
+    K = image.intrinsics
+    camera = ["--intrinsics", K[0, 0], K[1, 1], K[0, 2], K[1, 2], "--depth-scale", 1e-4]
+    pose = image.T_scan_camera
+    camera += ["--camera", *pose[:3, 3], *se3.quaternion_xyzw(pose)]
+    _assert_right(_answer(pwralign("estimate", arm, tmp_path / "depth.png", "--json", *camera)), frame.state)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [((), "needs the intrinsics"), (("--intrinsics", 1, 1, 1, 1, "--sensor-origin", 0, 0, 0), "--camera says")],
+)
+def test_a_depth_image_needs_its_camera(
+    arm: Path, tmp_path: Path, pwralign: Call, options: tuple[object, ...], message: str
+) -> None:
+    Image.fromarray(np.full((10, 10), 1000, dtype=np.uint16)).save(tmp_path / "depth.png")
+    outcome = pwralign("estimate", arm, tmp_path / "depth.png", *options)
+    assert outcome.code in (1, 2)
+    assert message in outcome.error()

@@ -15,7 +15,7 @@ import pytest
 from command_line import Call
 
 from pwralign_kin import State, dependencies
-from pwralign_kin.cli import VERBS
+from pwralign_kin.cli import EXAMPLES, VERBS
 from pwralign_kin.cli.simulate import simulate
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.model import ArticulatedModel
@@ -63,6 +63,16 @@ def test_help_and_version(pwralign: Call) -> None:
     assert pwralign().out == top.out
     for verb in VERBS:
         assert f"pwralign {verb}" in pwralign(verb, "--help").out
+
+
+def test_the_help_of_estimate_groups_its_options_and_shows_examples(pwralign: Call) -> None:
+    text = pwralign("estimate", "--help").out
+    titles = ("Output", "Guess and knowledge", "Scan", "Model", "Search")
+    places = [text.index(f"─ {title} ─") for title in titles]
+    assert places == sorted(places) and "─ Parameters ─" not in text
+    for option, before in (("--out", 1), ("--gravity", 2), ("--near", 3), ("--xacro-arg", 4)):
+        assert places[before - 1] < text.index(f"│ {option} ") < places[before]
+    assert all(f"Example: {example}" in text for example in EXAMPLES["estimate"])
 
 
 def test_help_comes_at_once() -> None:

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation import Correspondences
+from pwralign_kin.estimation import Correspondences, answer_search
+from pwralign_kin.estimation.answer_search import AnswerSearch
+from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.se3 import exp
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 
 def worst_joint(model: pk.ArticulatedModel, estimate: pk.Estimate, truth: pk.State) -> float:
@@ -101,6 +103,22 @@ def test_effort_says_how_often_is_searched(
     assert worst_joint(arm, estimate, full_scan.state) < np.radians(2)
 
 
+@pytest.mark.parametrize("agreed", [True, False])
+def test_wide_beams_are_spared_where_two_searches_agree(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, monkeypatch: pytest.MonkeyPatch, agreed: bool
+) -> None:
+    widened: list[TreeSearch] = []
+    original = TreeSearch.widened
+    monkeypatch.setattr(TreeSearch, "widened", lambda search: widened.append(search) or original(search))
+    monkeypatch.setattr(AnswerSearch, "_is_convincing", lambda answers, best: False)
+    if not agreed:
+        monkeypatch.setattr(answer_search, "AGREE", 0.0)
+    stages: list[str] = []
+    pk.estimate(arm, full_scan.scan, progress=stages.append)
+    assert stages.count("hypotheses") == 2
+    assert bool(widened) is not agreed
+
+
 def test_an_unknown_effort_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
     with pytest.raises(UnknownNameError, match="thorough"):
         pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(effort="most"))  # type: ignore[arg-type]
@@ -122,6 +140,15 @@ def test_a_guess_that_leads_to_a_plain_answer_is_not_repaired(
     estimate = pk.estimate(arm, single_scan.scan, initial=single_scan.state)
     assert "repair" not in estimate.timings
     assert base_shift(arm, estimate, single_scan.state) < 0.01
+
+
+def test_a_guess_that_one_joint_keeps_from_the_answer_is_not_repaired(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan
+) -> None:
+    off = {**single_scan.state.joints, "elbow": single_scan.state.joints["elbow"] + 1.2}
+    estimate = pk.estimate(arm, single_scan.scan, initial=pk.State(single_scan.state.T_scan_base, off))
+    assert "repair" not in estimate.timings
+    assert estimate.state.joints["elbow"] == pytest.approx(single_scan.state.joints["elbow"], abs=0.02)
 
 
 def test_a_bad_guess_is_searched_away(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
@@ -223,6 +250,8 @@ def test_unknown_joints_are_named() -> None:
         ({"prior": {"elbow": "a"}}, "elbow"),
         ({"prior": [1.0]}, "prior must map"),
         ({"prior_std": {"elbow": None}}, "elbow"),
+        ({"prior_std": {"elbow": 0.1}}, "prior={'elbow': ...}"),
+        ({"prior_std": {"elbow": 0.1}, "prior": {"wrist": 0.1}}, "give its value too"),
         ({"locked": "elbow"}, "several names"),
         ({"sources": "pairs"}, "several names"),
         ({"search": None}, "SearchOptions"),
@@ -331,3 +360,11 @@ def test_a_bare_table_is_refused(arm: pk.ArticulatedModel, noise: float) -> None
     points[:, 2] += noise * arm.diagonal * random.normal(size=6000)
     with pytest.raises(ScanError, match="plane"):
         pk.estimate(arm, pk.Scan(points))
+
+
+def test_a_part_that_the_scan_lacks_is_called_unseen(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    lacking = pk.simulate(arm, single_scan.state, dataclasses.replace(TIERS["full"], missing_parts=("lower",)), seed=3)
+    estimate = pk.estimate(arm, lacking.scan)
+    assert [name for name, part in estimate.parts.items() if not part.seen] == ["lower"]
+    assert "hardly seen" in str(estimate) or "not seen" in str(estimate)
+    assert "of the whole model" in str(estimate)

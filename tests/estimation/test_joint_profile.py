@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,11 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import wrapped
+from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.observability import doubted
+from pwralign_kin.estimation.surface_mixture import solved
+from pwralign_kin.se3 import inverse
+from pwralign_kin.simulation import FULL
 
 ROUND = """
 <robot name="turret">
@@ -46,3 +52,18 @@ def test_a_round_base_tells_nothing(tmp_path: Path) -> None:
     model = turret(tmp_path, "")
     estimate = pk.estimate(model, pk.simulate(model, seed=0).scan)
     assert estimate.undetermined == ("turn",)
+
+
+def test_noise_does_not_leave_a_joint_at_another_of_its_values(tmp_path: Path) -> None:
+    model = turret(tmp_path, BUMP)
+    made = pk.simulate(model, sensor=replace(FULL, points=2000, noise=0.008), seed=1)
+    estimator = Estimator(model, pk.EstimatorOptions(threads=1), None)
+    fit = estimator.fit(made.scan, made.state, None)
+    wrong = model.values(made.state.joints) + np.pi / 2
+    placed = model.root_placement(made.state) @ model.part_placements(model.values(made.state.joints))[1]
+    base = fit.solver.search.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
+    start = solved(fit.solver, base, fit.solver.limited(wrong))
+    assert abs(wrapped(start.values[0] - made.state.joints["turn"])) > 1.0
+    solution, doubt = doubted(fit.solver, start, fit.prior)
+    off = abs(wrapped(solution.values[0] - made.state.joints["turn"]))
+    assert doubt.undetermined.any() or off < np.radians(10.0)

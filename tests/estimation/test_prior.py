@@ -103,9 +103,9 @@ def test_names_and_deviations_are_checked(arm: pk.ArticulatedModel, full_scan: S
         pk.estimate(arm, full_scan.scan, options=options)
 
     with pytest.raises(pk.PwralignError, match="did you mean 'elbow'"):
-        run(pk.EstimatorOptions(prior_std={"elbo": 0.1}))
+        run(pk.EstimatorOptions(prior={"elbow": 0.0}, prior_std={"elbow": 0.1}, locked=("elbo",)))
     with pytest.raises(pk.PwralignError, match="positive"):
-        run(pk.EstimatorOptions(prior_std={"elbow": 0.0}))
+        run(pk.EstimatorOptions(prior={"elbow": 0.0}, prior_std={"elbow": 0.0}))
     with pytest.raises(pk.PwralignError, match="moves with the joints"):
         run(pk.EstimatorOptions(base=pk.BasePrior(T_scan_base=np.eye(4), base_link="lower")))
     with pytest.raises(pk.PwralignError, match="no link named"):

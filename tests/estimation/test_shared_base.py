@@ -113,3 +113,5 @@ def test_the_base_repeats_on_real_frames() -> None:
     distance, angle = _apart(first.T_scan_base, second.T_scan_base)
     assert distance < 0.005
     assert angle < np.radians(1.0)
+    assert first.contradicted == second.contradicted == []
+    assert min(estimate.confidence for estimate in (*first.estimates, *second.estimates)) > 0.7

@@ -10,7 +10,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch, median
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -118,3 +118,35 @@ def test_a_ball_joint_of_three_hinges_is_turned_as_one(tmp_path: Path) -> None:
         best = search.scored(search.refined(search.grow(root, 8)))[0].best_first().take([0])
         apart = np.linalg.norm(search.probe_positions(best) - search.probe_positions(true), axis=-1)
         assert apart.mean() < 0.01, (z, y, x)
+
+
+def test_normals_of_points_on_an_answer_are_compared_with_its_own(search: TreeSearch, right: Candidates) -> None:
+    distance, part, cosine = search.lying(right)
+    placements = search.part_placements(right)[0]
+    on = distance < 0.005
+    assert on.mean() > 0.9 and (part[on] >= 0).all()
+    assert np.median(np.abs(cosine[on])) > 0.99
+    assert (cosine[part < 0] == 0.0).all()
+    turned = np.ascontiguousarray(placements @ np.diag([-1.0, -1.0, 1.0, 1.0]))
+    part, sample = np.zeros(5, np.int32), np.arange(5, dtype=np.int32)
+    normals = np.ascontiguousarray(search.surfaces[0].dense_normals[:5] @ placements[0, :3, :3].T, np.float32)
+    np.testing.assert_allclose(search.native.facing(normals, placements, part, sample), 1.0, atol=1e-5)
+    expected = 2.0 * search.surfaces[0].dense_normals[:5, 2] ** 2 - 1.0
+    np.testing.assert_allclose(search.native.facing(normals, turned, part, sample), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 4000])
+def test_the_median_is_that_of_numpy(count: int) -> None:
+    values = np.random.default_rng(count).random(count).astype(np.float32)
+    assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
+
+
+def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> None:
+    roots = search.promising(search.pair_hypotheses(0), 20)
+    best = search.grow(roots, 1)
+    several = [search.grow(roots.take([index]), search.options.beam) for index in range(len(roots.parts))]
+    assert max(len(many) for many in several) > 1
+    for index, many in enumerate(several):
+        assert (np.diff(many.scores) <= 0).all()
+        assert many.scores[0] == best.scores[index]
+        assert np.array_equal(many.values[0], best.values[index])

@@ -118,6 +118,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         inlier_rmse=1e-3,
         scan_coverage=0.99,
         model_support=0.8,
+        viewpoint_known=False,
         parts={
             part.name: PartEstimate(T, 1e-3 if count else np.nan, int(count), 0.8 if len(part.faces) else np.nan)
             for part, T, count in zip(model.parts, placements, counts, strict=True)

@@ -116,6 +116,27 @@ def test_local_planes_find_normal_and_thickness_of_a_noisy_plane(threads: int) -
     assert neighbours[inner].min() > 100
 
 
+def test_local_planes_are_those_of_the_least_eigenvalue() -> None:
+    points = (np.random.default_rng(7).random((300, 3)) * [1.0, 0.7, 0.1]).astype(np.float32)
+    normals, _, variance, neighbours = kernels.local_planes(points, 0.25, 1)
+    for i in np.flatnonzero(neighbours >= 6):
+        near = points[np.linalg.norm(points - points[i], axis=1) <= 0.25].astype(float)
+        values, vectors = np.linalg.eigh(np.cov(near.T, bias=True))
+        assert variance[i] == pytest.approx(values[0], rel=1e-3, abs=1e-8)
+        if values[1] > 1.2 * values[0]:
+            assert abs(normals[i] @ vectors[:, 0]) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_points_of_a_line_have_normals_across_it() -> None:
+    along = np.array([2.0, -1.0, 3.0]) / np.sqrt(14.0)
+    points = np.ascontiguousarray(np.linspace(0.0, 1.0, 40)[:, None] * along, np.float32)
+    for some in (points, points[:2], points[:1]):
+        normals = kernels.local_planes(some, 0.2, 1)[0]
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6)
+        if len(some) > 1:
+            np.testing.assert_allclose(normals @ along, 0.0, atol=1e-2)
+
+
 def test_openness_tells_the_outside_of_a_sphere() -> None:
     rng = np.random.default_rng(4)
     outward = rng.normal(size=(4000, 3))

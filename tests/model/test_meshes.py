@@ -295,7 +295,8 @@ def test_places(
     write_urdf: WriteUrdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, filename: str, where: str
 ) -> None:
     place(tmp_path / where)
-    (tmp_path / "ws/robot/urdf/meshes").mkdir(parents=True, exist_ok=True)
+    for folder in ("ws/robot/urdf/meshes", "packages"):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'ros'}")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
     path = write_urdf(mesh_link(filename.replace("ABSOLUTE", str(tmp_path))), "ws/robot/urdf/bot.urdf")
@@ -312,6 +313,34 @@ def test_package_dirs_come_first(write_urdf: WriteUrdf, tmp_path: Path) -> None:
     assert as_trimesh(
         ArticulatedModel.from_urdf(path, package_dirs=[str(tmp_path / "mine")]).parts[0]
     ).volume == pytest.approx(8)
+
+
+def test_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Path) -> None:
+    """By the name in their package.xml or by their folder's; where today's rules find one, it comes first."""
+    for place_in, name in (("src/vendor/Robot-ROS2", "robot"), ("install/tool/share/tool", "tool")):
+        place(tmp_path / "ws" / place_in / "meshes")
+        (tmp_path / "ws" / place_in / "package.xml").write_text(f"<package><name>{name}</name></package>")
+    for package in ("robot", "tool", "Robot-ROS2"):
+        path = write_urdf(mesh_link(f"package://{package}/meshes/wedge.stl"), f"far/{package}.urdf")
+        with pytest.raises(MissingMeshError, match="no package of the first's name"):
+            ArticulatedModel.from_urdf(path)
+        model = ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws"])
+        assert as_trimesh(model.parts[0]).volume == pytest.approx(1)
+    (tmp_path / "far/robot/meshes").mkdir(parents=True)
+    wedge().apply_scale(2).export(tmp_path / "far/robot/meshes/wedge.stl")
+    model = ArticulatedModel.from_urdf(tmp_path / "far/robot.urdf", package_dirs=[tmp_path / "ws"])
+    assert as_trimesh(model.parts[0]).volume == pytest.approx(8)
+
+
+def test_package_folders_that_are_none(write_urdf: WriteUrdf, tmp_path: Path) -> None:
+    path = write_urdf(link("a", BOX))
+    with pytest.raises(ModelError, match="there is no such folder") as caught:
+        ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "none", path])
+    assert len(caught.value.faults) == 2 and "it is a file" in caught.value.faults[1]
+    for nonsense in (3, [3], None):
+        with pytest.raises(ModelError, match="package_dirs"):
+            ArticulatedModel.from_urdf(path, package_dirs=nonsense)  # type: ignore[arg-type]
+    assert ArticulatedModel.from_urdf(path, package_dirs=str(tmp_path)).package_dirs == (tmp_path,)
 
 
 def test_a_relative_urdf_path(write_urdf: WriteUrdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from urdf_text import BOX, LIMIT, chain, joint, link, mimic
 
-from pwralign_kin.exceptions import DependencyError, ModelError
+from pwralign_kin.exceptions import DependencyError, ModelError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.model.urdf import Origin, read_urdf
+from pwralign_kin.model.description import Origin
+from pwralign_kin.model.urdf import read_urdf
 
 Read = Callable[..., ArticulatedModel]
 WriteUrdf = Callable[..., Path]
@@ -441,6 +442,59 @@ def test_xacro_finds_packages(write_urdf: WriteUrdf, tmp_path: Path) -> None:
     (tmp_path / "src/hand/hand.xacro").rename(tmp_path / "src/arm/urdf/hand.xacro")
     (tmp_path / "src/arm/package.xml").unlink()
     assert ArticulatedModel.from_urdf(own).root_link == "palm"
+
+
+XACRO = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+ARGUMENTS = '<xacro:arg name="name"/><xacro:arg name="wide" default="false"/><xacro:arg name="tool"/>'
+
+
+def test_xacro_arguments(write_urdf: WriteUrdf) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    body = ARGUMENTS + link("$(arg tool)")
+    path = write_urdf(body, "bot.urdf.xacro", XACRO)
+    model = ArticulatedModel.from_urdf(path, xacro_args={"name": "ur", "tool": "hand"})
+    other = ArticulatedModel.from_urdf(path, xacro_args={"name": "ur", "tool": "hook"})
+    assert (model.name, model.root_link, other.root_link) == ("ur", "hand", "hook")
+    assert model.content_key != other.content_key
+    with pytest.raises(UnknownNameError, match="did you mean 'tool'"):
+        ArticulatedModel.from_urdf(path, xacro_args={"name": "ur", "tool": "hand", "tol": 1})
+
+
+def test_xacro_arguments_take_truth_values(write_urdf: WriteUrdf) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    one = '<xacro:{} value="$(arg wide)">{}</xacro:{}>'
+    body = one.format("if", link("wide"), "if") + one.format("unless", link("narrow"), "unless")
+    path = write_urdf(ARGUMENTS + body, "bot.xacro", XACRO)
+    for wide, root in ((True, "wide"), (False, "narrow")):
+        assert ArticulatedModel.from_urdf(path, xacro_args={"name": "a", "tool": "", "wide": wide}).root_link == root
+
+
+def test_missing_xacro_arguments_are_named_with_the_remedy(write_urdf: WriteUrdf) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    path = write_urdf(ARGUMENTS + link("base"), "bot.xacro", XACRO.replace("$(arg name)", "bot"))
+    (fault,) = faults(path)
+    assert "'name', 'tool'" in fault and "--xacro-arg name=VALUE --xacro-arg tool=VALUE" in fault
+    undeclared = write_urdf(link("$(arg other)"), "other.xacro", XACRO.replace("$(arg name)", "bot"))
+    assert "--xacro-arg other=VALUE" in faults(undeclared)[0]
+    plain = write_urdf(link("base"))
+    with pytest.raises(ModelError, match="xacro"):
+        ArticulatedModel.from_urdf(plain, xacro_args={"name": "a"})
+
+
+def test_packages_that_xacro_misses_are_named_with_the_remedy(write_urdf: WriteUrdf) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    include = '<xacro:include filename="$(find arm_description)/arm.xacro"/>'
+    (fault,) = faults(write_urdf(include, "bot.xacro", XACRO.replace("$(arg name)", "bot")))
+    assert "'arm_description'" in fault and "--package-dir" in fault and "class" not in fault
+
+
+def test_xacro_finds_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    write_urdf("", "ws/src/vendor/Hand-ROS2/package.xml", "<robot><name>hand</name>")
+    head = XACRO.replace("$(arg name)", "bot")
+    write_urdf(link("palm"), "ws/src/vendor/Hand-ROS2/hand.xacro", head)
+    path = write_urdf('<xacro:include filename="$(find hand)/hand.xacro"/>', "elsewhere/urdf/bot.xacro", head)
+    assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws"]).root_link == "palm"
 
 
 def test_every_example_robot_reads(robot_folder: Path) -> None:

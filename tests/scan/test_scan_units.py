@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pwralign_kin.exceptions import ScanError, UnitError
-from pwralign_kin.scan import Scan, check_units, likely_unit
+from pwralign_kin.scan import Scan, check_named_unit, check_units, likely_unit
 
 DIAGONAL = 0.8
 """Diagonal of the imagined model, m."""
@@ -101,3 +101,12 @@ def test_other_units_are_told_too(unit: str, metres: float, tmp_path: Path) -> N
     with pytest.raises(UnitError, match=f"--units {unit}"):
         check_units(scan, DIAGONAL)
     assert Scan.load(tmp_path / "scan.npy", units=unit).diagonal == pytest.approx(DIAGONAL, rel=0.01)  # type: ignore[arg-type]
+
+
+def test_a_scan_that_cannot_be_in_the_unit_named() -> None:
+    scan = Scan(surface(DIAGONAL, 600))
+    with pytest.raises(UnitError, match=r"--units m$") as caught:
+        check_named_unit(scan, DIAGONAL, "mm")
+    assert caught.value.scale == 1.0
+    check_named_unit(scan, DIAGONAL, "m")
+    check_named_unit(Scan(surface(30.0 * DIAGONAL, 600)), DIAGONAL, "mm")

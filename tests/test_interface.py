@@ -1,0 +1,143 @@
+"""The public names: what a caller gets wrong raises an error of this package; states and models are plain values."""
+
+from __future__ import annotations
+
+import copy
+import importlib.metadata
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.export import export
+from pwralign_kin.simulation import SimulatedScan
+
+REPOSITORY = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def model() -> pk.ArticulatedModel:
+    return pk.ArticulatedModel.from_urdf(REPOSITORY / "robots/laptop/laptop.urdf")
+
+
+@pytest.fixture(scope="module")
+def seen(model: pk.ArticulatedModel) -> SimulatedScan:
+    return pk.simulate(model, sensor=pk.Sensor(views=2, points=1500), seed=1)
+
+
+@pytest.fixture(scope="module")
+def found(model: pk.ArticulatedModel, seen: SimulatedScan) -> pk.Estimate:
+    return pk.estimate(model, seen.scan, initial=seen.state, options=pk.EstimatorOptions(effort="fast"))
+
+
+def complex_placement() -> Any:
+    return np.eye(4) * (1.0 + 1.0j)
+
+
+Wrong = Callable[[Any, Any, Any], object]
+
+
+@pytest.mark.filterwarnings("error::numpy.exceptions.ComplexWarning")
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda m, s, e: pk.ArticulatedModel.from_urdf(None),
+        lambda m, s, e: pk.ArticulatedModel.from_urdf(3),
+        lambda m, s, e: pk.ArticulatedModel.from_urdf(m.urdf_path, xacro_args=["name"]),
+        lambda m, s, e: pk.Scan.load(None),
+        lambda m, s, e: pk.Scan(s.points * 1j),
+        lambda m, s, e: pk.Scan(s.points, sensor_origin=[1j, 0, 0]),
+        lambda m, s, e: pk.DepthFrame.load(None, (1, 1, 1, 1)),
+        lambda m, s, e: pk.DepthFrame(np.ones((4, 4)), (1j, 1, 1, 1)),
+        lambda m, s, e: pk.State(complex_placement()),
+        lambda m, s, e: pk.State.load(None),
+        lambda m, s, e: e.state.save(None),
+        lambda m, s, e: pk.BasePrior(T_scan_base=complex_placement()),
+        lambda m, s, e: pk.BasePrior(up=(1j, 0, 0)),
+        lambda m, s, e: pk.Correspondences.load(None),
+        lambda m, s, e: pk.Sensor(points="a"),
+        lambda m, s, e: pk.Sensor(noise=None),
+        lambda m, s, e: pk.Sensor(distance=(1.0, "far")),
+        lambda m, s, e: pk.simulate(m, sensor={}),
+        lambda m, s, e: pk.simulate(m, state={}),
+        lambda m, s, e: pk.simulate(None),
+        lambda m, s, e: pk.simulate(m, seed="a"),
+        lambda m, s, e: pk.estimate(m, s, options={}),
+        lambda m, s, e: pk.calibrate(m, [s], [None]),
+        lambda m, s, e: pk.calibrate(m, [s], ["a"]),
+        lambda m, s, e: pk.calibrate(m, [s], None),
+        lambda m, s, e: pk.calibrate(m, [None], [{}]),
+        lambda m, s, e: pk.calibrate(m, [s], [{}], options={}),
+        lambda m, s, e: pk.Tracker(m, options={}),
+        lambda m, s, e: pk.TrackerOptions(points="a"),
+        lambda m, s, e: pk.TrackerOptions(estimator={}),
+        lambda m, s, e: pk.TrackerOptions(time_limit="a"),
+        lambda m, s, e: export(e, m, s, None),
+        lambda m, s, e: export(None, m, s, "out"),
+        lambda m, s, e: export(e, None, s, "out"),
+    ],
+)
+def test_wrong_types_raise_errors_of_this_package(
+    wrong: Wrong, model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate
+) -> None:
+    with pytest.raises(pk.PwralignError):
+        wrong(model, seen.scan, found)
+
+
+def test_names_and_version() -> None:
+    assert pk.__version__ == importlib.metadata.version("pwralign-kin")
+    assert dir(pk) == sorted(pk.__all__)
+    assert all(getattr(pk, name) is not None for name in pk.__all__)
+
+
+def test_states_are_equal_by_value() -> None:
+    state = pk.State(np.eye(4), {"a": 0.1, "b": 0.0}, "base")
+    same = pk.State(np.eye(4), {"b": -0.0, "a": 0.1}, "base")
+    assert state == same and hash(state) == hash(same) and len({state, same}) == 1
+    moved = np.eye(4)
+    moved[0, 3] = 1e-9
+    others = (pk.State(moved, state.joints, "base"), pk.State(np.eye(4), {"a": 0.1}, "base"), pk.State(np.eye(4)))
+    assert all(state != other for other in (*others, None, 3))
+
+
+def test_results_are_equal_by_identity(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:
+    again = copy.copy(found)
+    assert found == found and found != again and len({found, again}) == 2
+    assert again.state == found.state
+    assert seen == seen and seen != copy.copy(seen)
+
+
+def test_joint_values_of_a_state_never_change(found: pk.Estimate) -> None:
+    joints: Any = found.state.joints
+    before = dict(joints)
+    for change in (
+        lambda: joints.__setitem__("lid_hinge", 0.0),
+        lambda: joints.update(lid_hinge=0.0),
+        lambda: joints.pop("lid_hinge"),
+        lambda: joints.__ior__({"lid_hinge": 0.0}),
+        lambda: joints.setdefault("other", 0.0),
+        joints.clear,
+        joints.popitem,
+    ):
+        with pytest.raises(TypeError, match="never change"):
+            change()
+    assert joints == before and {**joints} == before and json.loads(json.dumps(joints)) == before
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_copies_of_results_and_models(
+    copied: Callable[[Any], Any], model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate
+) -> None:
+    state = copied(found).state
+    assert state == found.state and not state.T_scan_base.flags.writeable
+    with pytest.raises(TypeError):
+        state.joints["lid_hinge"] = 0.0
+    other = copied(model)
+    assert other.content_key == model.content_key and not other.lower.flags.writeable
+    options = pk.EstimatorOptions(effort="fast")
+    assert pk.estimate(other, seen.scan, initial=seen.state, options=options).state == found.state
