@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.33, 4.09, 0.5, 0.28, -2.17, -0.5)
+PRESENT = (3.32, 4.15, 0.49, 0.28, -2.15, -0.5)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-RIGHT = (-0.49, -0.44, -0.3, -0.86, 0.78, 0.59)
+RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
 seventeen models and to scans of something else."""
