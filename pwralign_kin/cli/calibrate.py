@@ -77,6 +77,5 @@ def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None
     text = dumps(result.to_dict(), indent=2, allow_nan=False)
     if out is not None:
         files.write_text(out, text + "\n")
-    print(text if as_json else result)
-    if out is not None and not as_json:
-        print(f"wrote {out}")
+    wrote = "" if out is None else f"\nwrote {out}"
+    messages.answer(text if as_json else f"{result}{wrote}")

@@ -96,21 +96,20 @@ def estimate(
             single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
             results, result = (single,), single
     found = time.perf_counter()
+    written: list[Path] = []
+    try:
+        with messages.progress() as show:
+            show("writing the result")
+            for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
+                written += [] if place is None else export(one, model, points, place, up=up)
+            if out is not None and more:
+                files.write_text(out / "shared.json", _as_json(result) + "\n")
+                written.append(out / "shared.json")
+    finally:  # what was found is told where it cannot be written, too
+        messages.answer(_as_json(result) if json else str(result))
     if not json:
-        print(result, flush=True)
-    with messages.progress() as show:
-        show("writing the result")
-        written = []
-        for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
-            written += [] if place is None else export(one, model, points, place, up=up)
-        if out is not None and more:
-            files.write_text(out / "shared.json", _as_json(result) + "\n")
-            written.append(out / "shared.json")
-    if json:
-        print(_as_json(result))
-    else:
-        print("".join(f"wrote {path}\n" for path in written), end="")
-        print(_times(begun, read_all, found, time.perf_counter() if written else None))
+        times = _times(begun, read_all, found, time.perf_counter() if written else None)
+        messages.answer("\n".join([*(f"wrote {path}" for path in written), times]))
     return messages.outcome(result.confidence, "result")
 
 
