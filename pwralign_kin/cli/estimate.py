@@ -50,8 +50,9 @@ def estimate(
     json: AsJson = False,
     model_options: ModelOptions = MODEL_OPTIONS,
     up: Annotated[
-        Literal["x", "y", "z", "-x", "-y", "-z"], Parameter(help="Up axis of the scan, for GLB and picture.")
-    ] = "z",
+        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
+        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z."),
+    ] = None,
     threads: Threads = 0,
 ) -> int:
     """Find where a model is in a scan: its base placement and every joint value.
@@ -101,7 +102,7 @@ def estimate(
         with messages.progress() as show:
             show("writing the result")
             for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
-                written += [] if place is None else export(one, model, points, place, up=up)
+                written += [] if place is None else export(one, model, points, place, up=up or base_options.up_axis)
             if out is not None and more:
                 files.write_text(out / "shared.json", _as_json(result) + "\n")
                 written.append(out / "shared.json")
