@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from pwralign_kin.estimation.result import Estimate
@@ -15,6 +16,8 @@ from pwralign_kin.scan import Scan
 
 __all__ = ["UP_AXES", "export"]
 
+logger = logging.getLogger(__name__)
+
 
 def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path | str, *, up: str = "z") -> list[Path]:
     """Write an estimate into `folder`, all files or none, and return their paths.
@@ -23,7 +26,8 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
       estimate;
     - `joint_state.yaml` (ROS sensor_msgs/JointState), `initial_positions.yaml` (MoveIt), `model.srdf` (group
       state);
-    - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it;
+    - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it, planar and
+      floating joints too, which the ROS files leave out;
     - `model.glb`, `model.ply`: the posed model as a tree of links, and as one mesh in the scan frame;
     - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per
       part;
@@ -46,6 +50,12 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
     state = estimate.state
     posed = posed_mesh(model, state)
     values = joints.joint_values(model, state)
+    if values.multiple:
+        logger.info(
+            "%s: planar and floating joints (%s) have no place in joint_state.yaml and initial_positions.yaml; "
+            "in aligned.urdf their values are in their origins",
+            model.urdf_path, ", ".join(values.multiple),
+        )  # fmt: skip
     distances = deviation.signed_distances(posed, scan.points)
     with atomic_folder(folder) as new:
         state.save(new / "state.json")

@@ -29,15 +29,18 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
 
     A link `world` becomes the root, joined to the old root by a fixed joint at T_scan_base. If the root
     already is an empty link `world` with fixed joints only, it is reused and their origins change; any other
-    link of that name stays as it is and the new root gets another name. File names relative to the URDF are
-    rewritten relative to `folder`, where the file will be read; `package://` names stay. What strict readers
-    demand and the URDF lacks (the robot's name, limits, effort and velocity, axes of unit length) is mended.
+    link of that name stays as it is and the new root gets another name. Planar and floating joints have the
+    place that the state gives them as their origin, for nothing else tells viewers their values. File names
+    relative to the URDF are rewritten relative to `folder`, where the file will be read; `package://` names stay.
+    What strict readers demand and the URDF lacks (the robot's name, limits, effort and velocity, axes of unit
+    length) is mended.
 
     Raises `ModelError` when the URDF is gone since the model was read.
     """
     from lxml import etree
 
     robot = source_tree(model)
+    _place_free_joints(robot, model, state)
     world = _place_root(robot, model, state)
     _mend(robot, model)
     for element in robot.iter("mesh", "texture"):
@@ -52,6 +55,15 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
     ]
     files.write_text(path, "\n".join(lines) + "\n")
     return world
+
+
+def _place_free_joints(robot: Element, model: ArticulatedModel, state: State) -> None:
+    """Put the values of planar and floating joints into their origins."""
+    placements = model.link_placements(model.values(state.joints))
+    for joint in robot.iterfind("joint"):
+        if joint.get("type") in ("planar", "floating"):
+            parent, child = (placements[end_link(joint, end)] for end in ("parent", "child"))
+            _set_origin(joint, se3.inverse(parent) @ child)
 
 
 def _place_root(robot: Element, model: ArticulatedModel, state: State) -> str:

@@ -167,6 +167,27 @@ def test_random_trees_are_placed_without_joint_gaps(
     assert_placed(model, State(placement(seed), dict(zip(model.joint_names, values, strict=True)), base), tmp_path)
 
 
+def test_planar_and_floating_joints_stand_where_they_are(
+    read: Callable[[str], ArticulatedModel], tmp_path: Path
+) -> None:
+    origin = '<origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/>'
+    model = read(
+        robot(
+            link("a"), link("b"), link("c"), link("d"),
+            joint("table", "a", "b", "planar", f'{origin}<axis xyz="0 0 1"/>'),
+            joint("fly", "b", "c", "floating", origin),
+            joint("hinge", "c", "d"),
+        )
+    )  # fmt: skip
+    values = dict(
+        zip(model.joint_names, np.random.default_rng(4).uniform(-0.4, 0.4, len(model.joint_names)), strict=True)
+    )
+    path = written(model, State(placement(4), values, "a"), tmp_path)
+    placements = by_pinocchio(path, {"hinge": values["hinge"]})
+    for name, T in model.link_placements(model.values(values)).items():
+        assert np.abs(placements[name] - placement(4) @ T).max() < 1e-9, name
+
+
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-8, -np.pi / 2 + 3e-8, np.pi / 2 - 1e-5])
 def test_a_placement_at_gimbal_lock_keeps_its_precision(
     pitch: float, bot: ArticulatedModel, bot_state: State, tmp_path: Path
