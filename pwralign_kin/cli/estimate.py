@@ -53,6 +53,9 @@ def estimate(
         Literal["x", "y", "z", "-x", "-y", "-z"] | None,
         Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z."),
     ] = None,
+    bundle: Annotated[
+        bool, Parameter(help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.", negative=())
+    ] = False,
     threads: Threads = 0,
 ) -> int:
     """Find where a model is in a scan: its base placement and every joint value.
@@ -62,6 +65,9 @@ def estimate(
     values = arguments.joint_values(joint)
     if more and correspondences is not None:
         raise UsageError("--correspondences are of one scan, but several are given.")
+    if bundle and out is None:
+        raise UsageError("--bundle is about the files that --out writes: give --out.")
+    upward = up or base_options.up_axis
     guess = _guess(initial, base_options.start, values)
     if out is not None:
         arguments.check_folder(out)
@@ -102,7 +108,7 @@ def estimate(
         with messages.progress() as show:
             show("writing the result")
             for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
-                written += [] if place is None else export(one, model, points, place, up=up or base_options.up_axis)
+                written += [] if place is None else export(one, model, points, place, up=upward, bundle=bundle)
             if out is not None and more:
                 files.write_text(out / "shared.json", _as_json(result) + "\n")
                 written.append(out / "shared.json")

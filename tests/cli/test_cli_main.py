@@ -40,6 +40,7 @@ from pwralign_kin.simulation import TIERS
         (["estimate", "a", "b", "--initial", "s", "--base", *"0000001"], "--initial"),
         (["estimate", "a", "b", "--units", "km"], "--units"),
         (["estimate", "a", "b", "--up", "w"], "--up"),
+        (["estimate", "a", "b", "--bundle"], "--out"),
         (["estimate", "a", "b", "--seed", "-1"], "--seed"),
         (["estimate", "a", "b", "--threads", "-2"], "--threads"),
         (["simulate", "a"], "--out"),

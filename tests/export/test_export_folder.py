@@ -230,6 +230,31 @@ def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch:
     assert (tmp_path / "out" / "b").read_text() == "old"
 
 
+def test_folders_within_move_too_and_go_again_on_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out" / "kept").mkdir(parents=True)
+    for name in ("kept/a", "made/deep/b"):
+        with atomic_folder(tmp_path / "out") as new:
+            (new / name).parent.mkdir(parents=True)
+            (new / name).write_text("new")
+        assert (tmp_path / "out" / name).read_text() == "new"
+    move = Path.replace
+
+    def fail_at_c(path: Path, target: Path) -> Path:
+        if Path(target).name == "c":
+            raise OSError(5, "Input/output error")
+        return move(path, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_c)
+    with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
+        (new / "other" / "deep").mkdir(parents=True)
+        (new / "kept").mkdir()
+        for name in ("kept/a", "kept/b", "other/b", "other/deep/c"):
+            (new / name).write_text("newer")
+    assert names(tmp_path / "out") == {"kept", "made"}
+    assert names(tmp_path / "out" / "kept") == {"a"}
+    assert (tmp_path / "out" / "kept" / "a").read_text() == "new"
+
+
 def test_targets_that_cannot_be_written_are_named(
     bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, no_picture: None
 ) -> None:
