@@ -76,7 +76,8 @@ def _thinned_far_away(mesh: PosedMesh, local: Array) -> tuple[Array, Indices]:
 def _closest_seen(mesh: PosedMesh, local: Array) -> tuple[Array, Array]:
     """Return the closest places (n, 3) that can be seen, and on which side of the surface (n,) `local` (n, 3) are."""
     closest, normals, faces = mesh.scene.closest(local)
-    front, back = _sides_by_place(mesh, closest, _towards(local, closest, normals), faces)
+    towards = _towards(local, closest, normals)
+    front, back = _sides_by_place(mesh, closest, towards, faces)
     around = _Surroundings(mesh)
     for _ in range(_ROUNDS):
         unseen = np.flatnonzero(np.maximum(front, back) < _SEEN)
@@ -88,11 +89,11 @@ def _closest_seen(mesh: PosedMesh, local: Array) -> tuple[Array, Array]:
         rest = RayScene(mesh.vertices - mesh.centre, mesh.faces[kept])
         closest[again], normals[again], index = rest.closest(local[again])
         faces[again] = kept[index]
-        towards = _towards(local[again], closest[again], normals[again])
-        front[again], back[again] = _sides_by_place(mesh, closest[again], towards, faces[again])
+        towards[again] = _towards(local[again], closest[again], normals[again])
+        front[again], back[again] = _sides_by_place(mesh, closest[again], towards[again], faces[again])
 
     # A place on an edge is closest only to points outside; elsewhere the offset lies along the normal.
-    along = np.einsum("ni,ni->n", _towards(local, closest, normals), normals)
+    along = np.einsum("ni,ni->n", towards, normals)
     by_normal = np.where(along < -0.999, -1.0, 1.0)
     return closest, np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
 
@@ -209,8 +210,11 @@ class _Surroundings:
 def _towards(local: Array, closest: Array, normals: Array) -> Array:
     """Return unit directions (n, 3) from closest places to points, normals where they coincide."""
     offsets = local - closest
-    length = np.linalg.norm(offsets, axis=1, keepdims=True)
-    return np.where(length > 1e-7, offsets / np.maximum(length, 1e-7), normals)
+    length = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
+    offsets /= np.maximum(length, 1e-7)[:, None]
+    same = length <= 1e-7
+    offsets[same] = normals[same]
+    return np.asarray(offsets)
 
 
 def _sides_by_place(mesh: PosedMesh, places: Array, towards: Array, faces: Indices) -> tuple[Array, Array]:
