@@ -14,12 +14,14 @@ from pwralign_kin.render import (
     corner_normals,
     default_views,
     draw,
+    drawable,
     drawing,
     part_colours,
     posed_mesh,
     refitted,
     render,
 )
+from pwralign_kin.render.drawing import MOST_POINTS
 from pwralign_kin.scan import Scan
 from pwralign_kin.state import State
 
@@ -129,6 +131,19 @@ def test_a_drawing_tells_what_is_to_be_seen_in_it(model: ArticulatedModel) -> No
     assert seen.shown.tolist() == [True, True]
     below = View(np.array([0.0, 0.0, -4.0]), np.zeros(3), np.array([1.0, 0.0, 0.0]), FRONT.fov)
     assert drawing(mesh, below, size=SIZE).shown.tolist() == [True, False]
+
+
+def test_a_picture_looks_at_few_of_many_points(model: ArticulatedModel) -> None:
+    mesh, rng = posed_mesh(model, State()), np.random.default_rng(5)
+    on_top = np.column_stack([rng.uniform(-0.2, 0.2, (300_000, 2)), np.full(300_000, 0.2)])
+    around = rng.uniform(5.0, 9.0, (500_000, 3))
+    scan = Scan(np.concatenate([around, on_top]), sensor_origin=rng.normal(size=(800_000, 3)))
+    few = drawable(scan, mesh)
+    assert len(few) == 2 * MOST_POINTS
+    assert np.count_nonzero(few.points[:, 2] < 1.0) == MOST_POINTS
+    row = int(np.flatnonzero((scan.points == few.points[0]).all(axis=1))[0])
+    assert np.array_equal(few.sensor_origin[0], scan.sensor_origin[row])
+    assert drawable(few.cropped([-1, -1, -1], [1, 1, 1]), mesh).points.shape == (MOST_POINTS, 3)
 
 
 def test_outlines_are_dark_and_smooth(model: ArticulatedModel) -> None:

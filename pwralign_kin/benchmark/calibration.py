@@ -12,13 +12,15 @@ from pwralign_kin.benchmark.pictures import COLOURS, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
 from pwralign_kin.estimation import confidence
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence import Evidence, logistic
 from pwralign_kin.se3 import Array
 
 Groups = Mapping[str, Sequence[Outcome]]
 
 HASTY_WEIGHT = 0.5
 """How much an answer of the hasty search counts in the fit, against one of the search as it comes."""
+ROUNDS = 30
+"""Of expectation maximisation, enough for the digits shown."""
 RIDGE, PRESENCE_RIDGE = 1.0, 0.1
 """Inverse variance of the coefficients before any answer is looked at; scans of something else are nearly all told."""
 
@@ -110,15 +112,27 @@ def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
     return float(0.5 + 0.5 * above.mean()) if above.size else float("nan")
 
 
-def fitted(outcomes: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (5,) of what tells right answers from wrong ones, the model being there."""
+def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
+    """Return intercept and coefficients (6,) of what tells right answers from wrong ones, the model being there.
+
+    It is the product with the chance of being there, by the coefficients `present`, that is to be right as often as it
+    says: expectation maximisation tells how far answers are wrong for what the one does not know or the other.
+    """
+    evidence = [_evidence(own) for own in outcomes]
+    values = [confidence.features(own) for own in evidence]
+    there = np.array([logistic(tuple(present), confidence.presence_features(own)) for own in evidence])
     right = np.array([own.score.overlay for own in outcomes], float)
     weights = np.where([own.method == "default" for own in outcomes], 1.0, HASTY_WEIGHT)
-    return _logistic_regression([confidence.features(_evidence(own)) for own in outcomes], right, weights, RIDGE)
+    blamed = np.ones(len(outcomes))
+    for _ in range(ROUNDS):
+        coefficients = _logistic_regression(values, right, weights * blamed, RIDGE)
+        chance = np.array([logistic(tuple(coefficients), own) for own in values])
+        blamed = np.where(right, 1.0, there * (1.0 - chance) / (1.0 - there * chance))
+    return coefficients
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (5,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (6,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
     return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
@@ -126,7 +140,8 @@ def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -
 
 def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Array, least: float) -> Array:
     """Return intercept and coefficients by Newton's method, with ridge."""
-    X = np.column_stack([np.ones(len(values)), np.array(values)])
+    centre = np.mean(values, axis=0)  # steps from 0 lead astray where values are all far from it
+    X = np.column_stack([np.ones(len(values)), np.array(values) - centre])
     ridge = least * np.diag([0.0, *np.ones(X.shape[1] - 1)])
     coefficients = np.zeros(X.shape[1])
     for _ in range(50):
@@ -134,16 +149,17 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
         H = (X * (weights * chance * (1.0 - chance))[:, None]).T @ X + ridge + 1e-9 * np.eye(len(ridge))
         step = np.linalg.solve(H, X.T @ (weights * (verdicts - chance)) - ridge @ coefficients)
         coefficients += np.clip(step, -2.0, 2.0)
-    return coefficients
+    return np.append(coefficients[0] - centre @ coefficients[1:], coefficients[1:])
 
 
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "unlike and not borne out", "borne out", "distinct", "continued",
-        "right: intercept", "nearby", "lacking", "uneven", "distinct",
+        "present: intercept", "unlike and not borne out", "borne out", "distinct", "continued", "refuted",
+        "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
     )  # fmt: skip
-    found = np.concatenate([fitted_presence(outcomes, elsewhere), fitted(outcomes)])
+    present = fitted_presence(outcomes, elsewhere)
+    found = np.concatenate([present, fitted(outcomes, present)])
     in_use = (*confidence.PRESENT, *confidence.RIGHT)
     rows = [[name, f"{own:.2f}", f"{used:.2f}"] for name, own, used in zip(names, found, in_use, strict=True)]
     return markdown(["coefficient of", " fitted", " in use"], rows)

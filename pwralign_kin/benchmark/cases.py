@@ -49,11 +49,17 @@ HARSH: Mapping[str, Sensor] = MappingProxyType(
         "scant": Sensor(points=250, noise=0.005),
         "torn": replace(TIERS["missing"], missing_share=0.5),
         "torn-single": replace(TIERS["single"], missing_share=0.4),
+        "bent": replace(TIERS["single"], bend=0.015),
     }
 )
-"""Scans that often hold too little: what an estimate should doubt."""
+"""Scans that often hold too little, or what is not so: what an estimate should doubt."""
 
-SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH})
+FEW: Mapping[str, Sensor] = MappingProxyType(
+    {"few": replace(HARSH["scant"], points=100), "handful": replace(HARSH["scant"], points=40)}
+)
+"""Scans of hardly any points, for the fit of the confidence only."""
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH, **FEW})
 """The sensor of every tier."""
 
 _LEAST_LABELLED = 0.01

@@ -73,7 +73,6 @@ def evidence(estimate: Estimate, scan: Scan, ruler: Ruler) -> dict[str, float]:
         "worst_residual": float(residuals.max(initial=0.0)),
         "median_residual": float(np.median(residuals)) if len(residuals) else 0.0,
         "points": float(len(scan.points)),
-        "points_per_part": len(scan.points) / len(solid),
         "unexplained_points": float((1.0 - estimate.scan_coverage) * len(scan.points)),
         "single_view": float(scan.sensor_origin is not None),
         "converged": float(estimate.converged),

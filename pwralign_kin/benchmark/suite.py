@@ -25,6 +25,7 @@ from pwralign_kin.benchmark import (
     tracking,
 )
 from pwralign_kin.benchmark.cases import (
+    FEW,
     HARSH,
     PARKED,
     ROBOTS,
@@ -186,6 +187,7 @@ def confidence_fit(settings: Settings, progress: Progress) -> Result:
     robots = settings.robots or FIT_ROBOTS
     outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
     outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
+    outcomes += _evaluate(settings, robots, FEW, {"default": DEFAULT}, progress, 1)
     outcomes += _evaluate(settings, robots, [tier for tier in TIERS if tier != "warm"], {"hasty": HASTY}, progress, 1)
     given = [own for own in outcomes if own.evidence]
     by_method = dict(summaries.grouped(given, lambda own: own.method))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -54,12 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             return messages.complain("interrupted", INTERRUPTED)
         except BrokenPipeError:
-            _give_up_stdout()  # whoever read the output has had enough
+            messages.give_up_stdout()  # whoever read the output has had enough
             return OK
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 return _unexpected(error)
-            _give_up_stdout()
+            messages.give_up_stdout()
             return messages.complain(f"the output cannot be written: {error.strerror}", BAD_INPUT)
         except Exception as error:
             return _unexpected(error)
@@ -88,11 +87,6 @@ def _version() -> str:
     from importlib.metadata import version
 
     return version("pwralign-kin")
-
-
-def _give_up_stdout() -> None:
-    """Keep Python from trying to flush the rest of the output on its way out."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _unexpected(error: Exception) -> int:

@@ -52,6 +52,14 @@ class BaseOptions:
         return None if self.base is None or self.base_std is not None else placement(self.base)
 
     @property
+    def up_axis(self) -> str:
+        """The axis of the scan that points up, as `export` names it: z where gravity is not given."""
+        if self.gravity is None:
+            return "z"
+        along, axis = max(zip(map(abs, self.gravity), "xyz", strict=True), key=lambda pair: pair[0])
+        return f"-{axis}" if along == self.gravity["xyz".index(axis)] else axis
+
+    @property
     def known(self) -> BasePrior:
         """What is known of the base."""
         from pwralign_kin.estimation import BasePrior

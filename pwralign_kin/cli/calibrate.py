@@ -106,7 +106,7 @@ def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None
     if out is not None:
         files.write_text(out, text + "\n")
     if as_json:
-        print(text)
+        messages.answer(text)
         return
     numbers = {
         key: f"{value:.6f}"
@@ -116,10 +116,14 @@ def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None
             strict=True,
         )
     }
-    print(result)
     values = list(numbers.values())
-    print(f"\nsensor in the frame of {result.base_link}: xyz {' '.join(values[:3])} m, xyzw {' '.join(values[3:])}")
+    lines = [
+        str(result),
+        "",
+        f"sensor in the frame of {result.base_link}: xyz {' '.join(values[:3])} m, xyzw {' '.join(values[3:])}",
+    ]
     if out is not None:
         placed = " ".join(f"--{key} {value}" for key, value in numbers.items())
         frames = f"--frame-id {result.base_link} --child-frame-id sensor"
-        print(f"wrote {out}; for ROS 2:\nros2 run tf2_ros static_transform_publisher {placed} {frames}")
+        lines += [f"wrote {out}; for ROS 2:", f"ros2 run tf2_ros static_transform_publisher {placed} {frames}"]
+    messages.answer("\n".join(lines))

@@ -56,9 +56,17 @@ def estimate(
     json: AsJson = False,
     model_options: ModelOptions = MODEL_OPTIONS,
     up: Annotated[
-        Literal["x", "y", "z", "-x", "-y", "-z"],
-        Parameter(help="Up axis of the scan, for GLB and picture.", group=OUTPUT),
-    ] = "z",
+        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
+        Parameter(
+            help="Up axis of the scan, for GLB and picture; against --gravity by default, else z.", group=OUTPUT
+        ),
+    ] = None,
+    bundle: Annotated[
+        bool,
+        Parameter(
+            help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.", negative=(), group=OUTPUT
+        ),
+    ] = False,
     threads: Threads = 0,
 ) -> int:
     """Find where a model is in a scan: its base placement and every joint value.
@@ -68,6 +76,9 @@ def estimate(
     values = arguments.joint_values(joint)
     if more and correspondences is not None:
         raise UsageError("--correspondences are of one scan, but several are given.")
+    if bundle and out is None:
+        raise UsageError("--bundle is about the files that --out writes: give --out.")
+    upward = up or base_options.up_axis
     guess = _guess(initial, base_options.start, values)
     if out is not None:
         arguments.check_folder(out)
@@ -103,21 +114,20 @@ def estimate(
             single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
             results, result = (single,), single
     found = time.perf_counter()
+    written: list[Path] = []
+    try:
+        with messages.progress() as show:
+            show("writing the result")
+            for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
+                written += [] if place is None else export(one, model, points, place, up=upward, bundle=bundle)
+            if out is not None and more:
+                files.write_text(out / "shared.json", _as_json(result) + "\n")
+                written.append(out / "shared.json")
+    finally:  # what was found is told where it cannot be written, too
+        messages.answer(_as_json(result) if json else str(result))
     if not json:
-        print(result, flush=True)
-    with messages.progress() as show:
-        show("writing the result")
-        written = []
-        for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
-            written += [] if place is None else export(one, model, points, place, up=up)
-        if out is not None and more:
-            files.write_text(out / "shared.json", _as_json(result) + "\n")
-            written.append(out / "shared.json")
-    if json:
-        print(_as_json(result))
-    else:
-        print("".join(f"wrote {path}\n" for path in written), end="")
-        print(_times(begun, read_all, found, time.perf_counter() if written else None))
+        times = _times(begun, read_all, found, time.perf_counter() if written else None)
+        messages.answer("\n".join([*(f"wrote {path}" for path in written), times]))
     return messages.outcome(result.confidence, "result")
 
 

@@ -1,4 +1,4 @@
-"""What goes to stderr: warnings, errors and progress. An unexpected error leaves a crash report."""
+"""Results to stdout; warnings, errors and progress to stderr. An unexpected error leaves a crash report."""
 
 from __future__ import annotations
 
@@ -43,6 +43,19 @@ def to_stderr() -> Iterator[None]:
         own.setLevel(level)
         own.removeHandler(handler)
         root.removeHandler(silence)
+
+
+def answer(text: str) -> None:
+    """Write a result to stdout; a reader who has gone changes neither what is done after it nor the exit code."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        give_up_stdout()
+
+
+def give_up_stdout() -> None:
+    """Let the rest of the output go nowhere, and keep Python from complaining of it on its way out."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def say(text: str, kind: str) -> None:

@@ -91,7 +91,8 @@ def simulate(
         result.save(out)
     own = result.labels[result.labels >= 0]
     points_seen = f"{len(result.scan)} points, {len(own)} of them" if scene else f"{len(result.scan)} points"
-    print(f"{points_seen} on {len(set(own.tolist()))} of {len(model.parts)} parts of {model.name}, in {out}")
+    parts_seen = f"{len(set(own.tolist()))} of {len(model.parts)} parts"
+    messages.answer(f"{points_seen} on {parts_seen} of {model.name}, in {out}")
 
 
 def _given(**options: Any) -> dict[str, Any]:

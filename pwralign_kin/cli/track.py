@@ -118,29 +118,29 @@ def track(
             if out is not None and tracked:
                 points = [TrackPoint(own.time, own.state, own.lost, own.std, own.to_dict()) for own in tracked]
                 written = export_track(points, model, out, mcap=mcap)
-    _print(tracked, written, model.units, json)
+    messages.answer(_as_json(tracked) if json else _summary(tracked, written, model.units))
     return messages.outcome(float(np.median([own.confidence for own in tracked])) if tracked else 0.0, "track")
 
 
-def _print(tracked: Sequence[TrackedFrame], written: Sequence[Path], units: Mapping[str, str], as_json: bool) -> None:
-    if as_json:
-        from json import dumps
+def _as_json(tracked: Sequence[TrackedFrame]) -> str:
+    from json import dumps
 
-        print(dumps([own.to_dict() for own in tracked], indent=1, allow_nan=False))
-        return
+    return dumps([own.to_dict() for own in tracked], indent=1, allow_nan=False)
+
+
+def _summary(tracked: Sequence[TrackedFrame], written: Sequence[Path], units: Mapping[str, str]) -> str:
     import numpy as np
 
     from pwralign_kin.estimation.result import joint_table
 
     lost, searched = sum(own.lost for own in tracked), sum(own.searched for own in tracked)
-    print(f"{len(tracked)} frame{'s' * (len(tracked) != 1)}, {lost} of them lost, {searched} searched")
+    lines = [f"{len(tracked)} frame{'s' * (len(tracked) != 1)}, {lost} of them lost, {searched} searched"]
     if tracked:
         seconds = [own.seconds for own in tracked if not own.searched]
         figures = [f"confidence {np.median([own.confidence for own in tracked]):.2f}"]
         figures += [f"{1e3 * np.median(seconds):.1f} ms a frame"] if seconds else []
-        print(f"median: {', '.join(figures)}")
+        lines.append(f"median: {', '.join(figures)}")
         last = tracked[-1]
-        print(f"last frame, at {last.time:.3f} s{' (lost)' if last.lost else ''}:")
-        print("\n".join(joint_table(last.state.joints, last.std, last.undetermined, units)))
-    for path in written:
-        print(f"wrote {path}")
+        lines.append(f"last frame, at {last.time:.3f} s{' (lost)' if last.lost else ''}:")
+        lines += joint_table(last.state.joints, last.std, last.undetermined, units)
+    return "\n".join([*lines, *(f"wrote {path}" for path in written)])

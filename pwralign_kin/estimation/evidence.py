@@ -18,7 +18,9 @@ LEAST_RESIDUALS = 25
 HARDLY = 0.3
 """A part that explains less than this, against the average of all parts, explains hardly anything."""
 APART = 0.015
-"""Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival."""
+"""Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival, ..."""
+BESIDE = 0.01
+"""... and from which the answer is wrong if that one is right."""
 MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
 REFUTED = 0.2
@@ -60,6 +62,9 @@ class Evidence:
     """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
     on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
 
+    told: float
+    """The same, and against what is hardly a rival: would the answer be wrong if the other were right?"""
+
     noise: float
     """Standard deviation of the scan points from their local planes, model diagonals."""
 
@@ -73,6 +78,9 @@ class Evidence:
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
     sensor."""
+
+    refuted: float
+    """Share of the model's surface that a single view should show and looks past; 0 for other scans."""
 
     continued: float
     """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
@@ -100,17 +108,22 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
     beyond = continued_beside(search, final, distance, cosine)
-    margin, distinct = _margins(search, final, _rivals(search, final, others, points), beyond)
+    rivals, apart = _rivals(search, final, others, points)
+    compared, support = search.scored(Candidates.concatenate([final, rivals]))
+    refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
+    margin, distinct, told = _margins(search, compared, apart, beyond)
     return Evidence(
         float(nearby),
         float(lacking),
         _uneven(search, final),
         margin,
         distinct,
+        told,
         observation.noise,
         confirmed * float(shares @ weights) / float(weights.sum()),
         float(strange),
         float(astray),
+        refuted,
         beyond,
         float(points.sum() / search.exists.sum()),
     )
@@ -142,52 +155,61 @@ def rivals_to(search: TreeSearch, final: Candidates, others: Candidates) -> Cand
     """Return the rivals that the evidence weighs the `final` configuration (one) against, unrefined."""
     distance, part = search.owners(final, search.exists)
     owners = part[(part >= 0) & (distance <= search.reach) & search.searched]
-    return _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
+    rivals, apart = _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
+    return rivals.take(apart)
 
 
-def _margins(search: TreeSearch, final: Candidates, rivals: Candidates, beyond: float) -> tuple[float, float]:
-    """Return how much better the answer is than the best of its rivals, by score and in standard deviations.
+def _margins(
+    search: TreeSearch, compared: Candidates, apart: NDArray[np.bool_], beyond: float
+) -> tuple[float, float, float]:
+    """Return how much better the answer is than the best of its rivals: by score, in standard deviations, and in
+    standard deviations than what is hardly a rival, too.
 
-    Without any rival, 1 and what is the most that so many points can tell. What explains more because it lies in
-    something larger, beyond whose edges more of the scan goes on than `beyond` those of the answer, is none.
+    The answer is the first of what is `compared`, with scores; the others are rivals where `apart` (m,). Without any,
+    1 and what is the most that so many points can tell. What explains more because it lies in something larger, beyond
+    whose edges more of the scan goes on than `beyond` those of the answer, is none.
     """
-    if len(rivals) == 0:
-        return 1.0, float(np.sqrt(len(search.observation.given)))
-    compared = Candidates.concatenate([final, rivals])
-    scores = search.scored(compared)[0].scores
-    margins, distinct = scores[0] - scores[1:], _distinctness(search, compared)
-    stands = np.ones(len(rivals), bool)
-    for rank in np.flatnonzero((margins < 0.0) | (distinct < 0.0)):
-        stands[rank] = continued(search, rivals.take([rank])) <= beyond + REFUTED
-    if not stands.any():
-        return 1.0, float(np.sqrt(len(search.observation.given)))
-    return float(margins[stands].min()), float(distinct[stands].min())
+    margins = compared.scores[0] - compared.scores[1:]
+    distinct = _distinctness(search, compared)
+    stands = apart.copy()
+    for rank in np.flatnonzero(apart & ((margins < 0.0) | (distinct < 0.0))):
+        stands[rank] = continued(search, compared.take([1 + rank])) <= beyond + REFUTED
+    most = float(np.sqrt(len(search.observation.given)))
+    return (
+        float(margins[stands].min(initial=1.0)),
+        float(distinct[stands].min(initial=most)),
+        float(distinct[stands | ~apart].min(initial=most)),
+    )
 
 
-def _rivals(search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]) -> Candidates:
-    """Return which of the `others`, and of the best ways to move one joint, take one of the seen parts off the surface.
+def _rivals(
+    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+) -> tuple[Candidates, NDArray[np.bool_]]:
+    """Return which of the `others`, and of the best ways to move one joint, take one of the seen parts off the surface,
+    if only `BESIDE` it, and whether (m,) they are `APART`.
 
     `points` (parts,) of the scan lie on each part.
     """
     seen = np.flatnonzero(points >= LEAST_POINTS)
     moved = _with_joints_moved(search, final, points).best_first()
-    return Candidates.concatenate(
-        [_apart(search, final, others, seen, len(others)), _apart(search, final, moved, seen, RIVALS)]
-    )
+    several = [_off(search, final, others, seen, len(others)), _off(search, final, moved, seen, RIVALS)]
+    rivals, departures = zip(*several, strict=True)
+    return Candidates.concatenate(rivals), np.concatenate(departures) > APART
 
 
-def _apart(
+def _off(
     search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
-) -> Candidates:
-    """Return the first `count` of the rivals that place one of the `seen` parts off the answer's surface."""
-    kept: list[int] = []
-    for first in range(0, len(rivals), 2 * RIVALS):
-        some = np.arange(first, min(first + 2 * RIVALS, len(rivals)))
-        departures = _departures(search, final, rivals.take(some), seen)
-        kept += some[departures > APART].tolist()
-        if len(kept) >= count:
-            break
-    return rivals.take(kept[:count])
+) -> tuple[Candidates, NDArray[np.float64]]:
+    """Return the first of the rivals that place one of the `seen` parts off the answer's surface, and how far.
+
+    `count` of them, at most, are apart.
+    """
+    departures = np.zeros(0)
+    while len(departures) < len(rivals) and (departures > APART).sum() < count:
+        some = rivals.take(slice(len(departures), len(departures) + 2 * RIVALS))
+        departures = np.append(departures, _departures(search, final, some, seen))
+    kept = np.flatnonzero((departures > BESIDE) & (np.cumsum(departures > APART) <= count))
+    return rivals.take(kept), departures[kept]
 
 
 def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:

@@ -100,6 +100,8 @@ class EstimatorOptions:
             object.__setattr__(self, "near", tuple(checked_numbers(self.near, "near", (3,)).tolist()))
 
 
-def plain(options: Any) -> dict[str, Any]:
-    """Return options as nested plain values."""
-    return {name: plain(value) if is_dataclass(value) else value for name, value in vars(options).items()}
+def changed(options: Any) -> dict[str, Any]:
+    """Return the options that differ from their defaults, as nested plain values."""
+    defaults = vars(type(options)())
+    given = {name: value for name, value in vars(options).items() if value != defaults[name]}
+    return {name: changed(value) if is_dataclass(value) else value for name, value in given.items()}

@@ -12,7 +12,7 @@ from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.observability import Doubt
 from pwralign_kin.estimation.observation import Observation
-from pwralign_kin.estimation.options import EstimatorOptions, plain
+from pwralign_kin.estimation.options import EstimatorOptions, changed
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import TreeSearch
@@ -90,7 +90,7 @@ def reported(
         converged=solution.converged,
         iterations=solution.iterations,
         timings=dict(watch.seconds),
-        options=plain(options),
+        options=changed(options),
         units={name: model.units[name] for name in names},
     )
 

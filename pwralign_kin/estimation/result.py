@@ -108,7 +108,7 @@ class Estimate:
     """Seconds per stage, in order."""
 
     options: Mapping[str, Any]
-    """The options that the estimate ran with, as nested plain values."""
+    """The options that the estimate ran with, where they differ from the defaults, as nested plain values."""
 
     units: Mapping[str, str]
     """Unit of each joint value: "rad" or "m"."""

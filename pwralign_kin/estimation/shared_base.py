@@ -95,7 +95,12 @@ class SharedBaseEstimate:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a JSON-ready summary."""
+        """Return a JSON-ready summary; options that all estimates share are not repeated in each."""
+        each = [estimate.to_dict() for estimate in self.estimates]
+        first, *others = (own["options"] for own in each)
+        shared = {name: value for name, value in first.items() if all(own.get(name) == value for own in others)}
+        for own in each:
+            own["options"] = {name: value for name, value in own["options"].items() if name not in shared}
         return {
             "base_link": self.base_link,
             "T_scan_base": self.T_scan_base.tolist(),
@@ -105,7 +110,8 @@ class SharedBaseEstimate:
             "converged": self.converged,
             "iterations": self.iterations,
             "joint_offsets": asdict(self.offsets),
-            "estimates": [estimate.to_dict() for estimate in self.estimates],
+            "options": shared,
+            "estimates": each,
         }
 
     def __str__(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError
 from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
-from pwralign_kin.export.folder import atomic_folder
+from pwralign_kin.export.folder import atomic_folder, files_in
 from pwralign_kin.files import check_path
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
@@ -17,22 +18,34 @@ from pwralign_kin.scan import Scan
 
 __all__ = ["UP_AXES", "export"]
 
+logger = logging.getLogger(__name__)
 
-def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path | str, *, up: str = "z") -> list[Path]:
+
+def export(
+    estimate: Estimate,
+    model: ArticulatedModel,
+    scan: Scan,
+    folder: Path | str,
+    *,
+    up: str = "z",
+    bundle: bool = False,
+) -> list[Path]:
     """Write an estimate into `folder`, all files or none, and return their paths.
 
     - `state.json`: base placement and joint values; `estimate.json`: the same with all figures of the
       estimate;
     - `joint_state.yaml` (ROS sensor_msgs/JointState), `initial_positions.yaml` (MoveIt), `model.srdf` (group
       state);
-    - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it;
+    - `aligned.urdf`: the URDF with the link `world` as the scan frame and the base placed in it, planar and
+      floating joints too, which the ROS files leave out;
     - `model.glb`, `model.ply`: the posed model as a tree of links, and as one mesh in the scan frame;
     - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per
       part;
     - `overlay.png`: model and scan in one picture.
 
     `scan` is the one that the estimate was made from; `up` (x, y, z, -x, -y or -z) names its upward axis, for
-    the GLB and the pictures. Other files in `folder` stay.
+    the GLB and the pictures. With `bundle`, meshes and textures are copied into `folder`, where `aligned.urdf`
+    finds them wherever the folder goes; else it names them where they are. Other files in `folder` stay.
 
     Raises `ExportError` when files cannot be written or the estimate is not one of this scan,
     `UnknownNameError` for an unknown `up` or a state that does not fit the model.
@@ -52,6 +65,12 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
     state = estimate.state
     posed = posed_mesh(model, state)
     values = joints.joint_values(model, state)
+    if values.multiple:
+        logger.info(
+            "%s: planar and floating joints (%s) have no place in joint_state.yaml and initial_positions.yaml; "
+            "in aligned.urdf their values are in their origins",
+            model.urdf_path, ", ".join(values.multiple),
+        )  # fmt: skip
     distances = deviation.signed_distances(posed, scan.points)
     with atomic_folder(folder) as new:
         state.save(new / "state.json")
@@ -59,11 +78,11 @@ def export(estimate: Estimate, model: ArticulatedModel, scan: Scan, folder: Path
         states.write_joint_state(new / "joint_state.yaml", values)
         states.write_initial_positions(new / "initial_positions.yaml", values)
         srdf.write_srdf(new / "model.srdf", model, values)
-        urdf.write_aligned_urdf(new / "aligned.urdf", model, state, folder)
+        urdf.write_aligned_urdf(new / "aligned.urdf", model, state, folder, bundle=bundle)
         glb.write_glb(new / "model.glb", model, state, up)
         mesh.write_model_ply(new / "model.ply", model, state)
         deviation.write_deviation_ply(new / "deviation.ply", scan.points, distances, labels, posed)
         deviation.write_deviation_table(new / "deviation.csv", distances, labels, posed.parts)
         overlay.write_overlay(new / "overlay.png", model, estimate, posed, scan, upward)
-        names = sorted(path.name for path in new.iterdir())
+        names = files_in(new)
     return [folder / name for name in names]

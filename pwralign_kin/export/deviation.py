@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import files
+from pwralign_kin import files, kernels
 from pwralign_kin.render import PosedMesh, RayScene
 from pwralign_kin.render.arrays import Indices
 from pwralign_kin.scan import write_ply
@@ -36,6 +36,8 @@ _SOME = 20  # ... where none of so many is seen
 _REACH = 0.01  # of the diagonal: how far around a hidden place other hidden faces are looked for
 _ROUNDS = 6
 _CHUNK = 20_000
+_FAR, _COARSE = 0.2, 0.02  # of the diagonal: what is further away is measured together with what is this near to it
+_LEVELS = 255  # of colour, on either side
 
 
 def signed_distances(mesh: PosedMesh, points: Array) -> Array:
@@ -47,12 +49,35 @@ def signed_distances(mesh: PosedMesh, points: Array) -> Array:
     and fittings within a hollow link) the place cannot have been scanned, and the closest place on faces that
     can be seen counts instead. A sheet without thickness, as open on one side as on the other, takes the sign
     from its face normals.
+
+    Points further away than a fifth of the model's diagonal share closest places with their neighbours: their
+    distances may be too large by 3% of the diagonal.
     """
     local = np.asarray(points, dtype=np.float64) - mesh.centre
     if not len(local):
         return np.empty(0)
+    queries, query = _thinned_far_away(mesh, local)
+    closest, sign = _closest_seen(mesh, queries)
+    offsets = local - closest[query]
+    return np.asarray(sign[query] * np.sqrt(np.einsum("ni,ni->n", offsets, offsets)))
+
+
+def _thinned_far_away(mesh: PosedMesh, local: Array) -> tuple[Array, Indices]:
+    """Return the places (q, 3) to look from, and which of them (n,) stands for each of `local` (n, 3)."""
+    means, _, cell = kernels.voxel_means(local.astype(np.float32), _COARSE * mesh.diagonal)
+    closest, _, _ = mesh.scene.closest(means)
+    far = np.linalg.norm(means - closest, axis=1) > _FAR * mesh.diagonal
+    near = np.flatnonzero(~far[cell])
+    query = (np.cumsum(far) - 1)[cell]
+    query[near] = np.count_nonzero(far) + np.arange(len(near))
+    return np.concatenate([means[far], local[near]]), query
+
+
+def _closest_seen(mesh: PosedMesh, local: Array) -> tuple[Array, Array]:
+    """Return the closest places (n, 3) that can be seen, and on which side of the surface (n,) `local` (n, 3) are."""
     closest, normals, faces = mesh.scene.closest(local)
-    front, back = _open_sides(mesh, closest, _towards(local, closest, normals))
+    towards = _towards(local, closest, normals)
+    front, back = _sides_by_place(mesh, closest, towards, faces)
     around = _Surroundings(mesh)
     for _ in range(_ROUNDS):
         unseen = np.flatnonzero(np.maximum(front, back) < _SEEN)
@@ -64,34 +89,35 @@ def signed_distances(mesh: PosedMesh, points: Array) -> Array:
         rest = RayScene(mesh.vertices - mesh.centre, mesh.faces[kept])
         closest[again], normals[again], index = rest.closest(local[again])
         faces[again] = kept[index]
-        towards = _towards(local[again], closest[again], normals[again])
-        front[again], back[again] = _open_sides(mesh, closest[again], towards)
+        towards[again] = _towards(local[again], closest[again], normals[again])
+        front[again], back[again] = _sides_by_place(mesh, closest[again], towards[again], faces[again])
 
     # A place on an edge is closest only to points outside; elsewhere the offset lies along the normal.
-    along = np.einsum("ni,ni->n", _towards(local, closest, normals), normals)
+    along = np.einsum("ni,ni->n", towards, normals)
     by_normal = np.where(along < -0.999, -1.0, 1.0)
-    sign = np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
-    return np.asarray(sign * np.linalg.norm(local - closest, axis=1))
+    return closest, np.where(np.abs(front - back) <= _EVEN, by_normal, np.where(front > back, 1.0, -1.0))
 
 
 def write_deviation_ply(path: Path, points: Array, distances: Array, labels: Indices, mesh: PosedMesh) -> None:
     """Write the scan points with the properties `distance` (m), `part` (-1: not the model's) and a colour.
 
     Colours run from blue (behind the surface) over light grey to red (in front of it) and saturate at 1% of
-    the model's diagonal; points that are not the model's are dark grey.
+    the model's diagonal; points that are not the model's are dark grey. Coordinates are single precision where
+    that rounds them by less than a thousandth of this range.
     """
-    share = np.clip(distances / (COLOUR_RANGE * mesh.diagonal), -1.0, 1.0)[:, None]
+    share = np.linspace(-1.0, 1.0, 2 * _LEVELS + 1)[:, None]
     colours = ON + np.where(share > 0.0, share * (OUTSIDE - ON), -share * (INSIDE - ON))
-    colours[labels < 0] = NOT_OF_THE_MODEL
-    red, green, blue = np.rint(colours).astype(np.uint8).T
+    table = np.rint(np.concatenate([colours, NOT_OF_THE_MODEL[None]])).astype(np.uint8)
+    level = np.rint(_LEVELS * np.clip(distances / (COLOUR_RANGE * mesh.diagonal), -1.0, 1.0)).astype(np.int64) + _LEVELS
+    level[labels < 0] = len(table) - 1
     properties: Mapping[str, NDArray[Any]] = {
         "distance": distances.astype(np.float32),
         "part": labels,
-        "red": red,
-        "green": green,
-        "blue": blue,
+        **dict(zip(("red", "green", "blue"), table.T[:, level], strict=True)),
     }
-    write_ply(path, points, properties)
+    rounded = np.abs(points).max(initial=0.0) * np.finfo(np.float32).eps / 2.0
+    single = rounded < 1e-3 * COLOUR_RANGE * mesh.diagonal
+    write_ply(path, points.astype(np.float32) if single else points, properties)
 
 
 def write_deviation_table(path: Path, distances: Array, labels: Indices, parts: Sequence[str]) -> None:
@@ -184,8 +210,25 @@ class _Surroundings:
 def _towards(local: Array, closest: Array, normals: Array) -> Array:
     """Return unit directions (n, 3) from closest places to points, normals where they coincide."""
     offsets = local - closest
-    length = np.linalg.norm(offsets, axis=1, keepdims=True)
-    return np.where(length > 1e-7, offsets / np.maximum(length, 1e-7), normals)
+    length = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
+    offsets /= np.maximum(length, 1e-7)[:, None]
+    same = length <= 1e-7
+    offsets[same] = normals[same]
+    return np.asarray(offsets)
+
+
+def _sides_by_place(mesh: PosedMesh, places: Array, towards: Array, faces: Indices) -> tuple[Array, Array]:
+    """Return what `_open_sides` does for places (n, 3) on `faces` (n,), looking from one of those that hardly differ.
+
+    These lie on the same face, near each other, and look the same way.
+    """
+    key = faces
+    for column in (*np.floor(places / (_SPACING * mesh.diagonal)).T, *np.rint(1.5 * towards).T):
+        low = column.min(initial=0.0)
+        key = key * int(column.max(initial=0.0) - low + 1.0) + (column - low).astype(np.int64)
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    front, back = _open_sides(mesh, places[first], towards[first])
+    return front[group], back[group]
 
 
 def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, Array]:

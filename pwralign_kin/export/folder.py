@@ -13,8 +13,8 @@ from pwralign_kin.exceptions import ExportError
 
 @contextmanager
 def atomic_folder(folder: Path | str) -> Iterator[Path]:
-    """Yield an empty temporary folder beside `folder`, whose files move into `folder` when the block
-    succeeds.
+    """Yield an empty temporary folder beside `folder`, whose files, those in folders within it too, move into
+    `folder` when the block succeeds.
 
     Files of the same name are replaced, others in `folder` stay. When the block or the move fails, `folder`
     is as it was before. Raises `ExportError` for whatever the file system refuses.
@@ -29,7 +29,7 @@ def atomic_folder(folder: Path | str) -> Iterator[Path]:
         new = temporary / "new"
         new.mkdir()
         yield new
-        _move_files(new, folder, backup=temporary)
+        _move_files(new, folder, temporary / "old")
     except OSError as error:
         raise ExportError(folder, f"cannot write: {error.strerror}") from None
     except ExportError as error:
@@ -40,28 +40,38 @@ def atomic_folder(folder: Path | str) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _move_files(new: Path, folder: Path, backup: Path) -> None:
-    """Move the files of `new` into `folder`; on failure put the files that they replaced back."""
+def files_in(folder: Path) -> list[Path]:
+    """Return the files in `folder` and in the folders within it, by their names from `folder`, in order."""
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())
+
+
+def _move_files(new: Path, folder: Path, old: Path) -> None:
+    """Move the files of `new` into `folder`; on failure put the files that they replaced, kept in `old`, back."""
     if not folder.exists():
         new.rename(folder)
         return
-    blocked = [path.name for path in new.iterdir() if (folder / path.name).is_dir()]
+    blocked = [name for name in files_in(new) if (folder / name).is_dir()]
     if blocked:
         raise ExportError(folder, f"cannot write {blocked[0]}: a folder has that name")
-    old = backup / "old"
-    old.mkdir()
     placed: list[Path] = []
+    made: list[Path] = []
     try:
-        for path in sorted(new.iterdir()):
-            target = folder / path.name
+        for name in files_in(new):
+            target = folder / name
+            missing = [above for above in target.parents if not above.exists()]
+            target.parent.mkdir(parents=True, exist_ok=True)
+            made += reversed(missing)
             if target.exists():
-                shutil.copy2(target, old / path.name)
-            placed.append(target)
-            path.replace(target)
+                (old / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(target, old / name)
+            placed.append(name)
+            (new / name).replace(target)
     except BaseException:
-        for target in placed:
-            if (old / target.name).exists():
-                (old / target.name).replace(target)
+        for name in placed:
+            if (old / name).exists():
+                (old / name).replace(folder / name)
             else:
-                target.unlink(missing_ok=True)
+                (folder / name).unlink(missing_ok=True)
+        for above in reversed(made):
+            above.rmdir()
         raise

@@ -19,6 +19,7 @@ from pwralign_kin.render import (
     PosedMesh,
     View,
     default_views,
+    drawable,
     drawing,
     frame_of,
     overview,
@@ -56,12 +57,14 @@ def write_overlay(
     """
     from PIL import Image
 
-    views = default_views(mesh, scan, size=(500, 500), up=up)
+    points = drawable(scan, mesh)
+    views = default_views(mesh, points, size=(500, 500), up=up)
     sizes = _panel_sizes(mesh, views)
     fitted = [refitted(view, mesh, size) for view, size in zip(views, sizes, strict=True)]
     unsure = _undetermined_parts(model, estimate)
     panels = [
-        drawing(mesh, view, scan, size=size, striped=unsure, dot=_DOT) for view, size in zip(fitted, sizes, strict=True)
+        drawing(mesh, view, points, size=size, striped=unsure, dot=_DOT)
+        for view, size in zip(fitted, sizes, strict=True)
     ]
     picture = np.concatenate([panel.image for panel in panels], axis=0 if sizes[0][0] == WIDTH else 1)
     entries = _legend(estimate, mesh, panels, unsure)
@@ -74,7 +77,7 @@ def write_overlay(
     _write(pen, (_MARGIN, 28), model.name, 30, _INK)
     _write(pen, (_MARGIN, 68), _figures(estimate, scan), 19, _PALE)
     if estimate.scan_coverage < SCENE:
-        _paste_inset(canvas, pen, mesh, scan, fitted[0])
+        _paste_inset(canvas, pen, mesh, points, fitted[0])
     for number, row in enumerate(rows):
         top = header + len(picture) + _MARGIN // 2 + _ROW * number
         for left, entry in row:

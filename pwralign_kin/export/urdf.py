@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pwralign_kin import files, se3
+from pwralign_kin.export.bundle import bundle as bundled
 from pwralign_kin.export.source import end_link, source_tree
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.model.meshes import find_mesh
@@ -24,26 +25,35 @@ logger = logging.getLogger(__name__)
 WORLD = "world"
 
 
-def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder: Path) -> str:
+def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder: Path, *, bundle: bool = False) -> str:
     """Write a copy of the URDF, comments and all, placed as in `state`; return the link that is the scan.
 
     A link `world` becomes the root, joined to the old root by a fixed joint at T_scan_base. If the root
     already is an empty link `world` with fixed joints only, it is reused and their origins change; any other
-    link of that name stays as it is and the new root gets another name. File names relative to the URDF are
-    rewritten relative to `folder`, where the file will be read; `package://` names stay. What strict readers
-    demand and the URDF lacks (the robot's name, limits, effort and velocity, axes of unit length) is mended.
+    link of that name stays as it is and the new root gets another name. Planar and floating joints have the
+    place that the state gives them as their origin, for nothing else tells viewers their values. File names
+    relative to the URDF are rewritten relative to `folder`, where the file will be read; `package://` names stay.
+    With `bundle` meshes and textures are copied beside `path` instead and named by their copies.
+    What strict readers demand and the URDF lacks (the robot's name, limits, effort and velocity, axes of unit
+    length) is mended.
 
     Raises `ModelError` when the URDF is gone since the model was read.
     """
     from lxml import etree
 
     robot = source_tree(model)
+    _place_free_joints(robot, model, state)
     world = _place_root(robot, model, state)
     _mend(robot, model)
-    for element in robot.iter("mesh", "texture"):
-        filename = element.get("filename")
-        if filename:
-            element.set("filename", _seen_from(folder, filename.strip(), model))
+    named = {element: element.get("filename", "").strip() for element in robot.iter("mesh", "texture")}
+    found = {
+        element: find_mesh(name, model.urdf_path, model.package_dirs)[0] for element, name in named.items() if name
+    }
+    copies = bundled((file for file in found.values() if file is not None), path.parent) if bundle else {}
+    for element, file in found.items():
+        copy = None if file is None else copies.get(file.resolve())
+        elsewhere = _seen_from(folder, named[element], file, model)
+        element.set("filename", elsewhere if copy is None else copy.as_posix())
     # What stands outside the root element (comments, processing instructions) is kept, each on its own line.
     nodes = [*reversed(list(robot.itersiblings(preceding=True))), robot, *robot.itersiblings()]
     lines = [
@@ -52,6 +62,15 @@ def write_aligned_urdf(path: Path, model: ArticulatedModel, state: State, folder
     ]
     files.write_text(path, "\n".join(lines) + "\n")
     return world
+
+
+def _place_free_joints(robot: Element, model: ArticulatedModel, state: State) -> None:
+    """Put the values of planar and floating joints into their origins."""
+    placements = model.link_placements(model.values(state.joints))
+    for joint in robot.iterfind("joint"):
+        if joint.get("type") in ("planar", "floating"):
+            parent, child = (placements[end_link(joint, end)] for end in ("parent", "child"))
+            _set_origin(joint, se3.inverse(parent) @ child)
 
 
 def _place_root(robot: Element, model: ArticulatedModel, state: State) -> str:
@@ -116,12 +135,11 @@ def _mend(robot: Element, model: ArticulatedModel) -> None:
                 limit.set(key, value)
 
 
-def _seen_from(folder: Path, filename: str, model: ArticulatedModel) -> str:
-    """Return the name by which a file named `filename` in the model's URDF is found from a URDF in `folder`."""
+def _seen_from(folder: Path, filename: str, found: Path | None, model: ArticulatedModel) -> str:
+    """Return the name by which the file that is `filename` in the model's URDF is found from a URDF in `folder`."""
     plain = filename.removeprefix("file://")
     if "://" in plain or Path(plain).is_absolute():
         return filename
-    found, _ = find_mesh(plain, model.urdf_path, model.package_dirs)
     target = (model.urdf_path.parent / plain if found is None else found).resolve()
     try:
         return Path(os.path.relpath(target, folder.resolve())).as_posix()

@@ -23,6 +23,9 @@ from pwralign_kin.state import State
 POINT_SHARE = 0.16
 """Largest share of the model's silhouette that scan points may hide; more of them are thinned out."""
 
+MOST_POINTS = 200_000
+"""Of the points about the model, and of the others, so many are looked at for a picture: far more than it has dots."""
+
 POINT_NEAR = np.array([0.06, 0.07, 0.12])
 """sRGB colour of scan points on the model."""
 
@@ -47,7 +50,23 @@ def render(
     Raises `UnknownNameError` for joints that the model lacks and `ModelError` for a model without geometry.
     """
     mesh = posed_mesh(model, state)
+    scan = None if scan is None else drawable(scan, mesh)
     return draw(mesh, default_views(mesh, scan, size=size)[0] if view is None else view, scan, size=size)
+
+
+def drawable(scan: Scan, mesh: PosedMesh) -> Scan:
+    """Return `scan`, thinned at random where it has more points than pictures of `mesh` need."""
+    if len(scan) <= MOST_POINTS:
+        return scan
+    margin = 2.0 * NEAR_SURFACE * mesh.diagonal
+    low, high = mesh.vertices.min(axis=0) - margin, mesh.vertices.max(axis=0) + margin
+    about = ((scan.points >= low) & (scan.points <= high)).all(axis=1)
+    rng = np.random.default_rng(0)
+    rows = [np.flatnonzero(about), np.flatnonzero(~about)]
+    kept = np.concatenate([rng.choice(own, min(len(own), MOST_POINTS), replace=False) for own in rows])
+    origin = scan.sensor_origin
+    origin = origin[kept] if origin is not None and origin.ndim == 2 else origin
+    return Scan(scan.points[kept], sensor_origin=origin, source=scan.source)
 
 
 @dataclass(frozen=True)

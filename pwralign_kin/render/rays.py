@@ -51,7 +51,7 @@ class RayScene:
         answer = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=reach)
         return np.asarray(answer.numpy())
 
-    def closest(self, places: Array) -> tuple[Array, Array, Indices]:
+    def closest(self, places: Array | Singles) -> tuple[Array, Array, Indices]:
         """Return what is closest to `places` (n, 3): places (n, 3), their faces' normals and indices (n,)."""
         answer = self._scene.compute_closest_points(self._tensor(places.astype(np.float32)))
         return (

@@ -56,13 +56,15 @@ def write_ply(
         header.append(" ".join(["comment", ORIGIN_COMMENT, *map(repr, np.asarray(sensor_origin, float).tolist())]))
     header.append(f"element vertex {len(xyz)}")
     header += [f"property {_PLY_TYPES[column.dtype.str[1:]]} {name}" for name, column in columns.items()]
-    body = vertices.tobytes()
+    records = [vertices]
     if faces is not None:
         header += [f"element face {len(np.asarray(faces))}", "property list uchar int vertex_indices"]
-        body += _face_bytes(np.asarray(faces), len(xyz), path)
+        records.append(_face_records(np.asarray(faces), len(xyz), path))
     header.append("end_header\n")
-    with files.atomic_write(path) as temporary:
-        temporary.write_bytes("\n".join(header).encode("ascii") + body)
+    with files.atomic_write(path) as temporary, temporary.open("wb") as file:
+        file.write("\n".join(header).encode("ascii"))
+        for rows in records:
+            file.write(rows.data)
 
 
 def _storable(column: NDArray[np.generic], name: str, path: Path | str) -> NDArray[np.generic]:
@@ -77,7 +79,7 @@ def _storable(column: NDArray[np.generic], name: str, path: Path | str) -> NDArr
     return column
 
 
-def _face_bytes(faces: NDArray[np.generic], count: int, path: Path | str) -> bytes:
+def _face_records(faces: NDArray[np.generic], count: int, path: Path | str) -> NDArray[np.void]:
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise ExportError(path, f"faces must be integers of shape (f, 3), got {faces.dtype} of shape {faces.shape}")
     if faces.size and not (int(faces.min()) >= 0 and int(faces.max()) < count):
@@ -85,4 +87,4 @@ def _face_bytes(faces: NDArray[np.generic], count: int, path: Path | str) -> byt
     records = np.empty(len(faces), dtype=[("corners", "u1"), ("indices", "<i4", 3)])
     records["corners"] = 3
     records["indices"] = faces
-    return records.tobytes()
+    return records

@@ -52,6 +52,10 @@ class Sensor:
     noise_along_ray: bool = False
     """Whether noise moves a point only along its ray, as in one depth image."""
 
+    bend: float = 0.0
+    """Standard deviation of an error of the distance that changes smoothly from place to place: what depth cameras
+    make of surfaces."""
+
     mixed_pixels: float = 0.0
     """Share of the pixels at depth edges that show a depth between the two surfaces."""
 
@@ -93,6 +97,7 @@ class Sensor:
             "points must be at least 1": self.points < 1,
             "distance must be positive and increasing": not 0.0 < near <= far < np.inf,
             "noise must not be negative": not 0.0 <= self.noise < np.inf,
+            "bend must not be negative": not 0.0 <= self.bend < np.inf,
             "stray must not be negative": not 0.0 <= self.stray < np.inf,
             "mixed_pixels must be in [0, 1]": not 0.0 <= self.mixed_pixels <= 1.0,
             "missing_random_parts must not be negative": self.missing_random_parts < 0,

@@ -36,6 +36,9 @@ EDGE_JUMP = 0.02
 
 _STRAY_MARGIN = 0.25
 
+_WAVES, _WAVE_LENGTH = 8, 0.4
+"""Waves, and their usual length (diagonals), that a bent surface is made of."""
+
 _MIN_PART_SHARE = 0.01
 """A part drawn to be missing has at least this share of the points, so that its loss is one."""
 
@@ -148,6 +151,7 @@ def simulate(
     images = _depth_images(World(bodies), model.diagonal, sensor, seed)
     returns = _fused(images, model, sensor, seed)
     returns = _without_missing(returns, model, sensor, seed)
+    returns = _bent(returns, model.diagonal, sensor, seed)
     returns = _noisy(returns, model.diagonal, sensor, seed)
     returns = _with_strays(returns, model.diagonal, sensor, seed)
 
@@ -181,7 +185,9 @@ def random_state(model: ArticulatedModel, seed: int) -> State:
     return State(T, dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)
 
 
-_PURPOSES = ("state", "clutter", "views", "returns", "missing", "noise", "stray", "guess", "scene", "camera", "motion")
+_PURPOSES = (
+    "state", "clutter", "views", "returns", "missing", "noise", "stray", "guess", "scene", "camera", "motion", "bend",
+)  # fmt: skip
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
@@ -302,6 +308,18 @@ def _without_missing(returns: _Returns, model: ArticulatedModel, sensor: Sensor,
     centre = returns.points[rng.choice(on_model)]
     nearest = np.argsort(np.linalg.norm(returns.points[on_model] - centre, axis=1), kind="stable")[:bite]
     return returns.only(np.delete(np.arange(len(returns.points)), on_model[nearest]))
+
+
+def _bent(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Returns:
+    """Move the points along their rays by random waves through space, those of every view alike."""
+    if sensor.bend == 0.0:
+        return returns
+    rng = generator(seed, "bend")
+    waves = rng.normal(size=(_WAVES, 3)) * 2.0 * np.pi / (_WAVE_LENGTH * diagonal)
+    phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
+    offset = np.sqrt(2.0 / _WAVES) * np.cos(returns.points @ waves.T + phases).sum(axis=1)
+    bent = returns.points + sensor.bend * diagonal * offset[:, None] * returns.directions
+    return _Returns(bent, returns.labels, returns.view, returns.directions)
 
 
 def _noisy(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Returns:

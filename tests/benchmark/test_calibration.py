@@ -25,7 +25,7 @@ from pwralign_kin.benchmark.evidence import JointDoubt, joint_doubts
 from pwralign_kin.benchmark.metrics import Ruler, Score
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.estimation import Estimate, confidence
-from pwralign_kin.estimation.evidence import Evidence, logistic
+from pwralign_kin.estimation.evidence import Evidence
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.state import State
 
@@ -104,12 +104,12 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
     def drawn(present: bool) -> Outcome:
         found = Evidence(
             nearby=random.uniform(0.0, 0.05), lacking=random.uniform(0.0, 0.6), uneven=random.uniform(1.0, 3.0),
-            margin=0.0, distinct=random.uniform(-4.0, 12.0), noise=0.002,
-            borne_out=random.uniform(0.2, 0.7) if present else random.uniform(0.05, 0.4),
-            strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), continued=0.0,
-            points_per_part=300.0,
+            margin=0.0, distinct=random.uniform(-4.0, 12.0), told=random.uniform(-4.0, 12.0), noise=0.002,
+            borne_out=random.uniform(0.5, 0.7) if present else random.uniform(0.05, 0.4),
+            strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), refuted=0.0, continued=0.0,
+            points_per_part=random.uniform(1.0, 30.0),
         )  # fmt: skip
-        right = present and random.random() < logistic(confidence.RIGHT, confidence.features(found))
+        right = present and random.random() < confidence.confidence(found)
         return dataclasses.replace(outcome(0.5, right), evidence=dataclasses.asdict(found))
 
     table = coefficients_table([drawn(True) for _ in range(4000)], [drawn(False) for _ in range(1000)])

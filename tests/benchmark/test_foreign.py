@@ -6,6 +6,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark import foreign
+from pwralign_kin.estimation.confidence import confidence
+from pwralign_kin.estimation.evidence import Evidence
 
 
 def test_every_scan_is_of_something_else_and_about_as_large_as_the_model(twins: pk.ArticulatedModel) -> None:
@@ -23,3 +25,5 @@ def test_answers_to_them_count_as_wrong(twins: pk.ArticulatedModel, monkeypatch:
     [outcome] = foreign.measure([("twins", twins)], 1, lambda _: None)
     assert not outcome.score.overlay
     assert outcome.confidence < 0.3
+    kept = Evidence(**{name: outcome.evidence[name] for name in Evidence.__dataclass_fields__})
+    assert confidence(kept) == outcome.confidence

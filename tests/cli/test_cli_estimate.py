@@ -71,6 +71,30 @@ def test_writes_the_result_into_a_folder(arm: Path, scan: Path, tmp_path: Path, 
     )
 
 
+@pytest.mark.parametrize(
+    ("options", "up"),
+    [
+        ((), "z"),
+        (("--gravity", 0.1, -9.8, 0.2), "y"),
+        (("--gravity", 1, 0, 0), "-x"),
+        (("--gravity", 0, -1, 0, "--up", "x"), "x"),
+    ],
+)
+def test_up_is_against_gravity_unless_told(
+    options: tuple[object, ...],
+    up: str,
+    arm: Path,
+    scan: Path,
+    tmp_path: Path,
+    pwralign: Call,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[object] = []
+    monkeypatch.setattr("pwralign_kin.export.export", lambda *_, **options: told.append(options["up"]) or [])
+    assert pwralign("estimate", arm, scan, "--out", tmp_path / "result", *options).code in (0, 3)
+    assert told == [up]
+
+
 def test_a_result_serves_as_the_guess_of_the_next_estimate(
     arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
 import subprocess
 import sys
 import time
@@ -39,6 +40,7 @@ from pwralign_kin.simulation import TIERS
         (["estimate", "a", "b", "--initial", "s", "--base", *"0000001"], "--initial"),
         (["estimate", "a", "b", "--units", "km"], "--units"),
         (["estimate", "a", "b", "--up", "w"], "--up"),
+        (["estimate", "a", "b", "--bundle"], "--out"),
         (["estimate", "a", "b", "--seed", "-1"], "--seed"),
         (["estimate", "a", "b", "--threads", "-2"], "--threads"),
         (["simulate", "a"], "--out"),
@@ -123,6 +125,33 @@ def test_a_missing_module_gets_its_install_line(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(DependencyError, match="pip install open3d-cpu"):
         dependencies.open3d()
+
+
+@pytest.mark.parametrize("verb", ["estimate", "track", "calibrate", "simulate"])
+@pytest.mark.parametrize("json_too", [False, True])
+def test_a_reader_who_has_gone_changes_neither_files_nor_exit_code(
+    verb: str, json_too: bool, arm: Path, scan: Path, tmp_path: Path
+) -> None:
+    if verb == "simulate" and json_too:
+        pytest.skip("simulate has no --json")
+    np.save(tmp_path / "noise.npy", np.random.default_rng(3).uniform(-0.6, 0.6, (2000, 3)))
+    noise, out = tmp_path / "noise.npy", tmp_path / "out"
+    arguments, code, written = {
+        "estimate": ([arm, noise, "--out", out], 3, out / "estimate.json"),
+        "track": ([arm, scan, "--out", out], 0, out / "track.json"),
+        "calibrate": ([arm, f"{noise}={scan.with_name('truth.json')}", "--out", out], 3, out),
+        "simulate": ([arm, "--out", out], 0, out / "scan.ply"),
+    }[verb]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [Path(sys.executable).parent / "pwralign", verb, *arguments, *["--json"] * json_too],
+        stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert done.returncode == code, done.stderr
+    assert written.stat().st_size > 0
+    assert "error" not in done.stderr
 
 
 def test_inspect_shows_parts_and_joints(arm: Path, pwralign: Call) -> None:

@@ -21,10 +21,12 @@ GOOD = Evidence(
     uneven=1.1,
     margin=0.05,
     distinct=8.0,
+    told=8.0,
     noise=0.002,
     borne_out=0.6,
     strange=0.0,
     astray=0.0,
+    refuted=0.0,
     continued=0.0,
     points_per_part=300.0,
 )
@@ -96,10 +98,12 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"lacking": 0.3},
         {"uneven": 3.0},
         {"distinct": 0.0},
+        {"told": 0.0},
         {"noise": 0.03},
         {"borne_out": 0.1},
         {"borne_out": 0.3, "strange": 0.3},
         {"borne_out": 0.3, "astray": 0.3},
+        {"refuted": 0.5},
         {"continued": 0.5},
     ],
     ids=lambda worse: " ".join(worse),
@@ -144,4 +148,26 @@ def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
 
 def test_few_points_a_part_are_little_to_go_by() -> None:
     chances = [confidence(dataclasses.replace(GOOD, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
-    assert chances[0] < 0.5 < chances[1] < chances[2] == chances[3]
+    assert chances[0] < chances[1] - 0.01 < chances[2] - 0.02
+    assert chances[2] == chances[3]
+
+
+def test_where_the_sensor_bends_surfaces_what_is_hardly_a_rival_tells_nothing() -> None:
+    near, none = (dataclasses.replace(GOOD, astray=0.45, told=told) for told in (-10.0, 8.0))
+    assert confidence(near) == confidence(none)
+
+
+def test_what_is_hardly_a_rival_is_told_from_the_answer_too(arm: pk.ArticulatedModel) -> None:
+    found = pk.estimate(arm, pk.simulate(arm, sensor=pk.Sensor(noise=0.01, points=600), seed=4).scan).evidence
+    assert found.told <= found.distinct
+    assert found.refuted == 0.0
+
+
+def test_a_view_looks_past_surface_that_is_not_there(arm: pk.ArticulatedModel) -> None:
+    seen = pk.simulate(arm, sensor=TIERS["single"], seed=4)
+    estimate = pk.estimate(arm, seen.scan)
+    assert estimate.evidence.refuted < 0.1
+    assert estimate.confidence > 0.8
+    ahead = seen.scan.points[np.argsort(seen.scan.points[:, 0])[: len(seen.scan.points) // 3]]
+    torn = pk.estimate(arm, pk.Scan(ahead, sensor_origin=seen.scan.sensor_origin), initial=seen.state)
+    assert torn.evidence.refuted > 0.2

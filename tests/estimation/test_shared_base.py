@@ -61,6 +61,16 @@ def test_covariances_are_those_of_the_shared_base(shared: pk.SharedBaseEstimate)
     assert "standard deviation" in str(shared)
 
 
+def test_options_are_told_once_and_only_where_they_differ(arm: pk.ArticulatedModel, views: list[SimulatedScan]) -> None:
+    options = pk.EstimatorOptions(
+        seed=3, base=pk.BasePrior(T_scan_base=np.eye(4), translation_std=5.0, rotation_std=None)
+    )
+    told = pk.calibrate(arm, [view.scan for view in views], VALUES, options).to_dict()
+    base = {"T_scan_base": np.eye(4).tolist(), "translation_std": 5.0, "rotation_std": None}
+    assert json.loads(json.dumps(told["options"])) == {"seed": 3, "base": base, "locked": list(VALUES[0])}
+    assert [own["options"] for own in told["estimates"]] == [{"prior": values} for values in VALUES]
+
+
 def test_a_scan_that_goes_wrong_alone_follows_the_others(arm: pk.ArticulatedModel, views: list[SimulatedScan]) -> None:
     base, values = views[0].state.T_scan_base, VALUES[0]
     only_jaw_and_lower = TIERS["single"]

@@ -159,6 +159,23 @@ def test_an_inset_shows_the_whole_scan_of_a_scene(
     assert written.count("the whole scan") == 1
 
 
+def test_a_note_names_the_joints_that_ros_files_leave_out(
+    tmp_path: Path, no_picture: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    box = '<visual><geometry><box size="0.2 0.3 0.4"/></geometry></visual>'
+    (tmp_path / "free.urdf").write_text(
+        f'<robot name="free"><link name="a">{box}</link><link name="b">{box}</link>'
+        '<joint name="table" type="planar"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    model = ArticulatedModel.from_urdf(tmp_path / "free.urdf")
+    state = State(joints={"table.x": 0.1, "table.y": 0.6, "table.yaw": 0.2})
+    scan, labels = scan_of(model, state)
+    caplog.set_level("INFO", "pwralign_kin")
+    export(estimate_from(model, state, labels), model, scan, tmp_path / "out")
+    (note,) = [record.getMessage() for record in caplog.records if "joint_state.yaml" in record.getMessage()]
+    assert "table" in note
+
+
 def test_other_files_stay_and_old_ones_are_replaced(
     bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, no_picture: None
 ) -> None:
@@ -211,6 +228,31 @@ def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch:
     assert names(tmp_path) == {"out"}
     assert names(tmp_path / "out") == {"b"}
     assert (tmp_path / "out" / "b").read_text() == "old"
+
+
+def test_folders_within_move_too_and_go_again_on_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out" / "kept").mkdir(parents=True)
+    for name in ("kept/a", "made/deep/b"):
+        with atomic_folder(tmp_path / "out") as new:
+            (new / name).parent.mkdir(parents=True)
+            (new / name).write_text("new")
+        assert (tmp_path / "out" / name).read_text() == "new"
+    move = Path.replace
+
+    def fail_at_c(path: Path, target: Path) -> Path:
+        if Path(target).name == "c":
+            raise OSError(5, "Input/output error")
+        return move(path, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_c)
+    with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
+        (new / "other" / "deep").mkdir(parents=True)
+        (new / "kept").mkdir()
+        for name in ("kept/a", "kept/b", "other/b", "other/deep/c"):
+            (new / name).write_text("newer")
+    assert names(tmp_path / "out") == {"kept", "made"}
+    assert names(tmp_path / "out" / "kept") == {"a"}
+    assert (tmp_path / "out" / "kept" / "a").read_text() == "new"
 
 
 def test_targets_that_cannot_be_written_are_named(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -167,6 +168,29 @@ def test_random_trees_are_placed_without_joint_gaps(
     assert_placed(model, State(placement(seed), dict(zip(model.joint_names, values, strict=True)), base), tmp_path)
 
 
+def test_planar_and_floating_joints_stand_where_they_are(
+    read: Callable[[str], ArticulatedModel], tmp_path: Path
+) -> None:
+    origin = '<origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/>'
+    model = read(
+        robot(
+            link("a"), link("b"), link("c"), link("d"),
+            joint("table", "a", "b", "planar", f'{origin}<axis xyz="0 0 1"/>'),
+            joint("fly", "b", "c", "floating", origin),
+            joint("hinge", "c", "d"),
+        )
+    )  # fmt: skip
+    values = dict(
+        zip(model.joint_names, np.random.default_rng(4).uniform(-0.4, 0.4, len(model.joint_names)), strict=True)
+    )
+    path = written(model, State(placement(4), values, "a"), tmp_path)
+    placements = by_pinocchio(path, {"hinge": values["hinge"]})
+    for name, T in model.link_placements(model.values(values)).items():
+        if name in placements:  # the links between their components are ours alone
+            assert np.abs(placements[name] - placement(4) @ T).max() < 1e-9, name
+    assert {"a", "b", "c", "d"} <= placements.keys()
+
+
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-8, -np.pi / 2 + 3e-8, np.pi / 2 - 1e-5])
 def test_a_placement_at_gimbal_lock_keeps_its_precision(
     pitch: float, bot: ArticulatedModel, bot_state: State, tmp_path: Path
@@ -215,6 +239,41 @@ def test_relative_names_resolve_from_the_new_place_and_others_stay(
     model = read(robot(link("base", shapes)))
     path = written(model, State(), tmp_path / "out")
     assert [mesh.get("filename") for mesh in etree.parse(path).iter("mesh")] == names
+
+
+def test_a_bundle_can_be_carried_elsewhere(tmp_path: Path) -> None:
+    meshes, textures = tmp_path / "pkg" / "meshes", tmp_path / "pkg" / "textures"
+    for folder in (meshes / "visual", meshes / "collision", textures):
+        folder.mkdir(parents=True)
+    box = trimesh.creation.box((1, 1, 1))
+    obj = "\n".join(f"v {x} {y} {z}" for x, y, z in box.vertices) + "\n"
+    obj += "\n".join(f"f {a} {b} {c}" for a, b, c in box.faces + 1) + "\n"
+    (meshes / "visual" / "lid.obj").write_text(f"mtllib lid.mtl\n{obj}")
+    (meshes / "visual" / "lid.mtl").write_text(
+        "newmtl a\nKd 1 0 0\nmap_Kd -s 1 1 1 ../../textures/wood.png\nbump ../secret.txt\n"
+    )
+    (meshes / "secret.txt").write_text("mine")
+    (textures / "wood.png").write_bytes(b"png")
+    box.export(meshes / "collision" / "lid.stl")
+    urdf = tmp_path / "elsewhere" / "robot.urdf"
+    urdf.parent.mkdir()
+    shapes = (
+        '<visual><geometry><mesh filename="package://pkg/meshes/visual/lid.obj"/></geometry></visual>'
+        f'<collision><geometry><mesh filename="{meshes / "collision" / "lid.stl"}"/></geometry></collision>'
+    )
+    urdf.write_text(robot(link("a", shapes)))
+    model = read_quickly(urdf, package_dirs=[tmp_path])
+    (tmp_path / "out").mkdir()
+    write_aligned_urdf(tmp_path / "out" / "aligned.urdf", model, State(), tmp_path / "out", bundle=True)
+    shutil.move(tmp_path / "out", tmp_path / "moved")
+    shutil.rmtree(tmp_path / "pkg")
+    names = [mesh.get("filename") for mesh in etree.parse(str(tmp_path / "moved" / "aligned.urdf")).iter("mesh")]
+    assert names == ["meshes/meshes/visual/lid.obj", "meshes/meshes/collision/lid.stl"]
+    again = read_quickly(tmp_path / "moved" / "aligned.urdf")
+    assert again.diagonal == pytest.approx(model.diagonal)
+    assert (tmp_path / "moved" / "meshes" / "textures" / "wood.png").read_bytes() == b"png"
+    assert not list((tmp_path / "moved").rglob("secret.txt"))
+    assert (tmp_path / "moved" / "meshes" / "meshes" / "visual" / "lid.mtl").is_file()
 
 
 def test_a_world_with_fixed_joints_is_reused(read: Callable[[str], ArticulatedModel], tmp_path: Path) -> None:

@@ -118,6 +118,19 @@ def test_mixed_pixels_float_between_near_and_far_and_belong_to_no_part(crane: Ar
     assert (none.labels >= 0).all()
 
 
+def test_bent_surfaces_are_off_along_the_rays_and_smoothly(crane: ArticulatedModel) -> None:
+    sensors = (Sensor(views=1, noise=0.0, known_origin=True, bend=bend) for bend in (0.0, 0.02))
+    flat, bent = (simulate(crane, sensor=sensor, seed=6) for sensor in sensors)
+    moved = (bent.scan.points - flat.scan.points) / crane.diagonal
+    rays = flat.scan.points - flat.view_origins[0]
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along = np.einsum("ij,ij->i", moved, rays)
+    assert np.abs(moved - along[:, None] * rays).max() < 1e-5
+    assert 0.005 < along.std() < 0.04
+    near = np.linalg.norm(flat.scan.points - flat.scan.points[1000], axis=1) < 0.02 * crane.diagonal
+    assert near.sum() > 10 and np.ptp(along[near]) < 0.5 * np.ptp(along)
+
+
 def test_stray_points_are_added_around_the_model(crane: ArticulatedModel) -> None:
     simulated = simulate(crane, sensor=Sensor(points=1000, stray=0.1, noise=0.0), seed=7)
     stray = simulated.labels == -1
@@ -275,6 +288,7 @@ def test_saved_scans_come_back(crane: ArticulatedModel, tmp_path: Path) -> None:
         ({"distance": (2.0, 1.0)}, "distance must be"),
         ({"noise": -0.1}, "noise must not be negative"),
         ({"noise": float("nan")}, "noise must not be negative"),
+        ({"bend": -0.1}, "bend must not be negative"),
         ({"stray": -1.0}, "stray must not be negative"),
         ({"mixed_pixels": 1.5}, "mixed_pixels must be in"),
         ({"missing_random_parts": -1}, "missing_random_parts must not"),
