@@ -101,10 +101,12 @@ def write_scans(folder: Path) -> None:
         scene = SCENES[folder.name]
         state = draw_state(model, scene, seed, collides)
         simulated = _scan(model, scene, state, tier, seed)
-        write_ply(folder / "scans" / f"{tier}.ply", simulated.scan.points.astype(np.float32))
+        origin = simulated.view_origins[0].tolist() if tier == "single" else None
+        points = simulated.scan.points.astype(np.float32)
+        write_ply(folder / "scans" / f"{tier}.ply", points, sensor_origin=origin)
         truth = simulated.state.to_dict()
-        if tier == "single":
-            truth["sensor_origin"] = simulated.view_origins[0].tolist()
+        if origin is not None:
+            truth["sensor_origin"] = origin
         files.write_text(folder / "scans" / f"{tier}_truth.json", json.dumps(truth, indent=2) + "\n")
 
 
