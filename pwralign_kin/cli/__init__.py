@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import pwralign_kin
 from pwralign_kin import dependencies
 from pwralign_kin.cli import messages
 from pwralign_kin.cli.codes import BAD_INPUT, DEFECT, INTERRUPTED, OK, USAGE, UsageError
@@ -75,18 +76,12 @@ def _app() -> App:
         help_epilogue="Exit codes: 0 ok, 1 bad input, 2 usage, 3 low confidence, 70 a defect, 130 interrupted.",
         help_format="plaintext",
         suppress_keyboard_interrupt=False,
-        version=_version,
+        version=lambda: pwralign_kin.__version__,
     )
     for place, (verb, summary) in enumerate(VERBS.items()):
         text = "\n\n".join([summary, *(f"Example: {example}" for example in EXAMPLES.get(verb, ()))])
         app.command(f"{__name__}.{verb}:{verb}", name=verb, help=text, sort_key=place)
     return app
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("pwralign-kin")
 
 
 def _unexpected(error: Exception) -> int:

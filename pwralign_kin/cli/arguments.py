@@ -83,7 +83,7 @@ def read_joints(path: Path) -> dict[str, float]:
         content = _first_document(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StateError(f"{path}: cannot read: {error.strerror}") from None
-    except (ValueError, yaml.YAMLError) as error:
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise StateError(f"{path}: neither JSON nor YAML: {' '.join(str(error).split())}") from None
     if isinstance(content, dict):
         if {"name", "position"} <= content.keys():
@@ -112,7 +112,8 @@ def _first_document(text: str) -> Any:
 
 def _of_message(names: Any, positions: Any) -> dict[str, float] | None:
     """Return the values by name of a JointState; None where it is none."""
-    paired = isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)
+    paired = isinstance(names, list) and isinstance(positions, list)
+    paired = paired and len(names) == len(positions) == len(set(map(str, names)))
     return dict(zip(map(str, names), positions, strict=True)) if paired else None
 
 

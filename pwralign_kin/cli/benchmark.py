@@ -74,10 +74,10 @@ def benchmark(
         cases = tier_cases(models(samples, names), kinds, configurations)
         measured = comparison.compare(cases, chosen, repeats, seed, count, show)
     source = provenance(Path(__file__).parents[2], count, " ".join(["pwralign", *sys.argv[1:]]))
-    print(source)
+    messages.answer(str(source))
     for tier, own in comparison.by_tier(measured):
-        print(f"\n{tier}\n{table(comparison.HEADS, comparison.rows(own, baseline))}")
-    print(f"\n{table(*comparison.overlays_by_robot(measured))}")
+        messages.answer(f"\n{tier}\n{table(comparison.HEADS, comparison.rows(own, baseline))}")
+    messages.answer(f"\n{table(*comparison.overlays_by_robot(measured))}")
     if json is not None:
         record = {"source": plain(source), "baseline": baseline, "measurements": plain(measured)}
         files.write_text(json, json_format.dumps(record, indent=1, allow_nan=False) + "\n")

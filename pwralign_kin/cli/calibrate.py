@@ -11,7 +11,7 @@ from pwralign_kin import files
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import OUTPUT, AsJson, EffortChoice, Seed, Threads
 from pwralign_kin.cli.base_options import Gravity, upwards
-from pwralign_kin.cli.codes import LOW_CONFIDENCE, UsageError
+from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 from pwralign_kin.cli.scan_options import SCAN_OPTIONS, ScanOptions
 from pwralign_kin.exceptions import StateError, UnknownNameError
@@ -60,10 +60,7 @@ def calibrate(
         options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=known, **hints)
         result = calibrated(model, scans, joints, options, progress=show)
     _report(result, out, json)
-    if result.contradicted:
-        messages.say("the scans contradict joint values that were given, and the base is wrong with them", "warning")
-        return LOW_CONFIDENCE
-    return messages.outcome(result.confidence, "result")
+    return messages.shared_outcome(result)
 
 
 def _split(pair: str) -> tuple[Path, Path]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pwralign_kin import dependencies, files
+from pwralign_kin.cli import messages
 from pwralign_kin.cli.codes import BAD_INPUT, OK
 from pwralign_kin.exceptions import ExportError
 
@@ -37,11 +38,11 @@ def doctor() -> int:
     sick = 0
     for check in (_program, _system_libraries, _open3d_twice, _modules, _extras, _kernels_and_cache):
         for finding in check():
-            print(f"{'!!' if finding.remedy else 'ok'}  {finding.what}: {finding.state}", flush=True)
+            messages.answer(f"{'!!' if finding.remedy else 'ok'}  {finding.what}: {finding.state}")
             if finding.remedy:
                 sick += 1
-                print(f"    mend it with: {finding.remedy}")
-    print(f"{sick} to mend" if sick else "all well")
+                messages.answer(f"    mend it with: {finding.remedy}")
+    messages.answer(f"{sick} to mend" if sick else "all well")
     return BAD_INPUT if sick else OK
 
 

@@ -57,9 +57,7 @@ def estimate(
     model_options: ModelOptions = MODEL_OPTIONS,
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"] | None,
-        Parameter(
-            help="Up axis of the scan, for GLB and picture; against --gravity by default, else z.", group=OUTPUT
-        ),
+        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z.", group=OUTPUT),
     ] = None,
     bundle: Annotated[
         bool,
@@ -128,7 +126,7 @@ def estimate(
     if not json:
         times = _times(begun, read_all, found, time.perf_counter() if written else None)
         messages.answer("\n".join([*(f"wrote {path}" for path in written), times]))
-    return messages.outcome(result.confidence, "result")
+    return messages.shared_outcome(shared) if more else messages.outcome(result.confidence, "result")
 
 
 def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:

@@ -35,11 +35,11 @@ def inspect(
         try:
             model = model_options.read(urdf)
         except MissingMeshError as error:
-            print(_missing(error))
+            messages.answer(_missing(error))
             raise
-    print(_described(model))
+    messages.answer(_described(model))
     if scan is not None:
-        print(f"\n{_compared(ScanOptions(depth=camera).read(scan), model)}")
+        messages.answer(f"\n{_compared(ScanOptions(depth=camera).read(scan), model)}")
 
 
 def _missing(error: MissingMeshError) -> str:

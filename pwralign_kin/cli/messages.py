@@ -12,8 +12,12 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pwralign_kin.cli.codes import ENOUGH_CONFIDENCE, LOW_CONFIDENCE, OK
+
+if TYPE_CHECKING:
+    from pwralign_kin.estimation import SharedBaseEstimate
 
 
 class _StderrHandler(logging.Handler):
@@ -77,6 +81,14 @@ def outcome(confidence: float, result: str) -> int:
     low = f"low confidence ({math.floor(100.0 * confidence) / 100.0:.2f}, below {ENOUGH_CONFIDENCE})"
     say(f"{low}: look at the {result} before you use it", "warning")
     return LOW_CONFIDENCE
+
+
+def shared_outcome(result: SharedBaseEstimate) -> int:
+    """Return the exit code of a result of several scans; warn where they contradict what was given."""
+    if result.contradicted:
+        say("the scans contradict joint values that were given, and the base is wrong with them", "warning")
+        return LOW_CONFIDENCE
+    return outcome(result.confidence, "result")
 
 
 @contextmanager

@@ -94,6 +94,8 @@ class ScanOptions:
             raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
         if path.suffix.lower() != ".png":
             scan = Scan.load(path, sensor_origin=self.sensor_origin, units="auto")
+        elif self.units not in ("m", "auto"):
+            raise UsageError(f"{path} is a depth image: --depth-scale says what its numbers are in, not --units.")
         elif self.sensor_origin is None:
             scan = self.depth.read(path).to_scan()
         else:

@@ -23,7 +23,7 @@ BESIDE = 0.01
 """... and from which the answer is wrong if that one is right."""
 MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
-REFUTED = 0.2
+CONTINUED_MORE = 0.2
 """A better rival of which this share more of the edges is continued is none."""
 PROBES = 40
 """Samples of each part that are compared."""
@@ -173,7 +173,7 @@ def _margins(
     distinct = _distinctness(search, compared)
     stands = apart.copy()
     for rank in np.flatnonzero(apart & ((margins < 0.0) | (distinct < 0.0))):
-        stands[rank] = continued(search, compared.take([1 + rank])) <= beyond + REFUTED
+        stands[rank] = continued(search, compared.take([1 + rank])) <= beyond + CONTINUED_MORE
     most = float(np.sqrt(len(search.observation.given)))
     return (
         float(margins[stands].min(initial=1.0)),

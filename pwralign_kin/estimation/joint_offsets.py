@@ -61,7 +61,7 @@ class JointOffsets:
 def joint_offsets(solvers: Sequence[JointLeastSquares], solutions: Sequence[Solution]) -> JointOffsets:
     """Return the offsets of the joints that are locked in every scan, at the solutions with the given values.
 
-    The solutions have one base. Joints that are locked in no scan follow, scan by scan. Offsets are found within the
+    The solutions have one base. Joints that are free in a scan follow in it. Offsets are found within the
     reach of the correspondences.
     """
     locked = np.stack([solver.locked for solver in solvers])
@@ -73,9 +73,12 @@ def joint_offsets(solvers: Sequence[JointLeastSquares], solutions: Sequence[Solu
     shared = _offsets(solvers[0].model, given, together.values[0] - values[0], together, 6 + np.arange(len(given)))
     own = []
     for solver, base, value in zip(solvers, together.bases, together.values, strict=True):
-        at = np.r_[np.full(6, -1), np.arange(len(value))]
+        free = ~solver.locked
+        free[given] = True
+        at = np.full(6 + len(value), -1)
+        at[6:][free] = np.arange(free.sum())
         alone = _fitted([solver], [at], [base], [value])
-        own.append(_offsets(solver.model, given, alone.values[0] - value, alone, given))
+        own.append(_offsets(solver.model, given, alone.values[0] - value, alone, at[6 + given]))
     return JointOffsets(shared, tuple(own))
 
 
@@ -104,11 +107,17 @@ def _fitted(
         H = _summed(places, [scale * problem.evidence * problem.H for problem in problems])
         g = _summed(places, [scale * problem.evidence * problem.g for problem in problems])
         most = np.full(len(g), solvers[0].options.most_turn)
-        step = bounded_step(H, g, -most, most, solvers[0].options.damping)
+        try:
+            step = bounded_step(H, g, -most, most, solvers[0].options.damping)
+        except np.linalg.LinAlgError:
+            break
         own = [np.where(at >= 0, step[at], 0.0) for at in places]
         moved = [s.stepped(b, v, move) for s, b, v, move in zip(solvers, bases, values, own, strict=True)]
         bases = [base for base, _ in moved]
-        values = [v + move[6:] for v, move in zip(values, own, strict=True)]
+        values = [
+            np.where(s.locked, v + move[6:], limited)
+            for s, v, move, (_, limited) in zip(solvers, values, own, moved, strict=True)
+        ]
         problems = _problems(solvers, bases, values)
         if np.abs(step).max() < solvers[0].options.tolerance:
             break
@@ -187,8 +196,9 @@ def _doubts(
         inverse.append(H)
         seen, displacements = mean_information(problem, absent)
         displaced.append(normal_matrix(problem.J[seen], displacements) / (len(solvers) * least_visible(errors) ** 2))
-    ridge = 1e-9 * np.eye(len(_summed(places, inverse)))
-    return (
-        np.sqrt(np.diag(np.linalg.inv(_summed(places, inverse)))),
-        np.sqrt(np.diag(np.linalg.inv(_summed(places, displaced) + ridge))),
-    )
+    return _widths(_summed(places, inverse), 1e-6), _widths(_summed(places, displaced), 1e-9)
+
+
+def _widths(H: Array, ridge: float) -> Array:
+    """Return the roots of the diagonal of the inverse of `H` (n, n), with a `ridge` for what nothing holds."""
+    return np.sqrt(np.maximum(np.diag(np.linalg.inv(H + ridge * np.eye(len(H)))), 0.0))

@@ -95,7 +95,10 @@ class _Look:
             information[part] = weighted.T @ self.rows[own]
             gradients[part] = weighted.T @ self.distance[own]
         H, g = normal_matrix(self.twists, information), np.einsum("pia,pi->a", self.twists, gradients)
-        step = bounded_step(H, g, *solver.step_bounds(self.values), solver.options.damping)
+        try:
+            step = bounded_step(H, g, *solver.step_bounds(self.values), solver.options.damping)
+        except np.linalg.LinAlgError:  # the answer stays where it is
+            step = np.zeros(len(g))
         gain = float(g @ step - step @ H @ step / 2) / noise**2
         return step, float(np.log(normal + ANYTHING).sum()), gain
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class BasePrior:
             object.__setattr__(self, "region", checked_box(self.region, "the base's region"))
         stds = {"translation_std": self.translation_std, "rotation_std": self.rotation_std, "up_std": self.up_std}
         for name, std in stds.items():
-            if std is not None and not (np.isfinite(std) and std >= 0):
+            if std is not None and not (isinstance(std, Real) and np.isfinite(std) and std >= 0):
                 raise StateError(f"{name} must be a finite number and not negative, not {std}")
 
     def in_search_units(

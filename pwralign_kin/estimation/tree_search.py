@@ -501,7 +501,7 @@ class TreeSearch:
 
 
 def median(values: Float) -> float:
-    """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for others too."""
+    """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for NaNs first."""
     middle = len(values) // 2
     ordered = np.partition(values, middle)
     below = ordered[middle] if len(values) % 2 else ordered[:middle].max()

@@ -12,6 +12,9 @@ from urllib.parse import unquote
 FOLDER = "meshes"
 """Where the copies lie beside the URDF."""
 
+LONGEST_NAME = 1024
+"""Characters of a name of a file; longer ones are data within the mesh."""
+
 _REFERENCES = {
     ".obj": rb"^\s*mtllib\s+(.+)$",
     ".mtl": rb"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+)$",
@@ -57,11 +60,11 @@ def _referred_to(file: Path) -> list[Path]:
         return []
     found = []
     for match in re.findall(pattern, file.read_bytes(), re.MULTILINE):
-        text = unquote(match.decode("utf-8", "replace").strip())
-        # In an MTL options may stand before the name, which may hold spaces.
-        for name in (text, text.split()[-1] if text else ""):
+        text = match.decode("utf-8", "replace").strip()
+        # Names in XML and JSON are URIs; in an MTL options may stand before the name, which may hold spaces.
+        for name in (text, unquote(text), text.split()[-1] if text else ""):
             path = file.parent / name.replace("\\", "/")
-            if path.suffix.lower() in _COMPANIONS and path.is_file():
+            if path.suffix.lower() in _COMPANIONS and len(name) < LONGEST_NAME and path.is_file():
                 found.append(path.resolve())
                 break
     return found

@@ -59,8 +59,8 @@ def _move_files(new: Path, folder: Path, old: Path) -> None:
         for name in files_in(new):
             target = folder / name
             missing = [above for above in target.parents if not above.exists()]
-            target.parent.mkdir(parents=True, exist_ok=True)
             made += reversed(missing)
+            target.parent.mkdir(parents=True, exist_ok=True)
             if target.exists():
                 (old / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(target, old / name)
@@ -73,5 +73,6 @@ def _move_files(new: Path, folder: Path, old: Path) -> None:
             else:
                 (folder / name).unlink(missing_ok=True)
         for above in reversed(made):
-            above.rmdir()
+            if above.is_dir():
+                above.rmdir()
         raise

@@ -26,7 +26,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
                      float shadow, float unreturned, int threads)
-    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), unreturned(unreturned), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
+    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), unreturned(sensor_origin ? unreturned : 1.f), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
       inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
     auto include = [&](Vec p) {

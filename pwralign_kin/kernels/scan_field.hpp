@@ -13,7 +13,7 @@ class ScanField {
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,
     // `depth_points` (the full-resolution cloud) decide which cells are occluded: those behind a return by more than
     // `tolerance`, out to `shadow` behind the surface. Cells before and behind nothing, where no ray came back, are
-    // known to be free only to the extent of `unreturned`, in [0, 1].
+    // known to be free only to the extent of `unreturned`, in [0, 1]; without an origin nothing is told apart.
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,7 +100,7 @@ def _xacro_fault(reason: str, declared: Mapping[str, bool], values: Mapping[str,
     return f"xacro fails: {reason}"
 
 
-def _missing_arguments(names: Iterable[str]) -> str:
+def _missing_arguments(names: Collection[str]) -> str:
     listed = ", ".join(map(repr, names))
     remedy = " ".join(f"--xacro-arg {name}=VALUE" for name in names)
     return f"the xacro needs a value of its argument {listed}: give it with xacro_args / {remedy}"
@@ -113,9 +113,16 @@ def _packages(path: Path, packages: PackageFolders) -> dict[str, Path]:
     """
     above = path.absolute().parents[:4]
     beside = [entry for folder in above for entry in folders_in(folder)]
-    marked = {entry.name: entry for entry in beside if (entry / "package.xml").is_file()}
-    given = {entry.name: entry for folder in packages for entry in (folder, *folders_in(folder))}
-    return {entry.name: entry for entry in (*beside, *above)} | packages.below | marked | given
+    given = [entry for folder in packages for entry in (folder, *folders_in(folder))]
+    return _by_name((*beside, *above), given) | packages.below | _by_name(*map(_marked, (beside, given)))
+
+
+def _by_name(*several: Iterable[Path]) -> dict[str, Path]:
+    return {folder.name: folder for folders in several for folder in folders}
+
+
+def _marked(folders: Iterable[Path]) -> list[Path]:
+    return [folder for folder in folders if (folder / "package.xml").is_file()]
 
 
 def well_declared(source: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ class DepthFrame:
             )
         if self.scale is None and depth.dtype.kind != "f":
             raise ScanError(self.source, "integer depth needs scale, metres per unit (0.001 for millimetres)")
-        if not (np.isfinite(self.metres) and self.metres > 0.0):
+        if not (isinstance(self.metres, Real) and np.isfinite(self.metres) and self.metres > 0.0):
             raise ScanError(self.source, f"the scale of the depth must be positive, got {self.scale}")
         compact = depth.dtype if depth.dtype in (np.uint16, np.float32) else np.dtype(np.float32)
         object.__setattr__(self, "depth", np.ascontiguousarray(depth, compact))
@@ -85,7 +86,7 @@ class DepthFrame:
             raise ScanError(path, f"not a readable PNG image: {error}") from None
         if not mode.startswith("I"):
             raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
-        T = np.eye(4) if T_scan_camera is None else np.asarray(T_scan_camera, dtype=np.float64)
+        T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
         return cls(depth.astype(np.uint16), checked_intrinsics(intrinsics, str(path)), T, scale, path)
 
     @property

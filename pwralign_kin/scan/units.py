@@ -41,7 +41,7 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
     object in millimetres is as large but its points lie model lengths apart.
 
     With `units` "m" such a scan raises `UnitError` naming the unit; with "auto" it is rescaled with a warning; with
-    any other it is returned as it is, since `Scan.load` has converted it.
+    any other nothing is checked.
     """
     if units not in ("m", "auto"):
         return scan
@@ -60,8 +60,11 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
 
 def check_named_unit(scan: Scan, model_diagonal: float, units: Units) -> None:
     """Raise `UnitError` where `scan`, in the unit of its file, cannot be in the unit that it is said to have."""
-    ratio, likely = METRES[units] * scan.diagonal / model_diagonal, likely_unit(scan, model_diagonal)
-    if ratio < SPECK and likely != units:
+    ratio = METRES[units] * scan.diagonal / model_diagonal
+    if ratio >= SPECK:
+        return
+    likely = likely_unit(scan, model_diagonal)
+    if likely != units:
         raise UnitError(
             scan.source,
             f"in {units} the scan is {ratio:.2g} times as large as the model; it is likely in {likely}: use "

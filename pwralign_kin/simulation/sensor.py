@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from numbers import Integral, Real
 from types import MappingProxyType
@@ -89,7 +89,8 @@ class Sensor:
             kind = {"int": Integral, "float": Real}.get(str(own.type), object)
             if not isinstance(value, kind):
                 raise ScanError("simulated sensor", f"{own.name} must be a number ({own.type}), not {value!r}")
-        if len(self.distance) != 2 or not all(isinstance(bound, Real) for bound in self.distance):
+        bounds = self.distance if isinstance(self.distance, Sequence) else ()
+        if len(bounds) != 2 or not all(isinstance(bound, Real) for bound in bounds):
             raise ScanError("simulated sensor", f"distance must be the nearest and the farthest, not {self.distance!r}")
         near, far = self.distance
         faults = {

@@ -154,6 +154,18 @@ def test_a_reader_who_has_gone_changes_neither_files_nor_exit_code(
     assert "error" not in done.stderr
 
 
+def test_bad_input_is_an_error_whether_or_not_there_is_a_reader(arm: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [Path(sys.executable).parent / "pwralign", "inspect", arm, "nowhere.ply"],
+        stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert done.returncode == 1
+    assert "nowhere.ply: no such file" in done.stderr
+
+
 def test_inspect_shows_parts_and_joints(arm: Path, pwralign: Call) -> None:
     outcome = pwralign("inspect", arm)
     assert outcome.code == 0, outcome.err

@@ -103,7 +103,9 @@ def test_names_and_deviations_are_checked(arm: pk.ArticulatedModel, full_scan: S
         pk.estimate(arm, full_scan.scan, options=options)
 
     with pytest.raises(pk.PwralignError, match="did you mean 'elbow'"):
-        run(pk.EstimatorOptions(prior={"elbow": 0.0}, prior_std={"elbow": 0.1}, locked=("elbo",)))
+        run(pk.EstimatorOptions(locked=("elbo",)))
+    with pytest.raises(pk.PwralignError, match="did you mean 'elbow'"):
+        run(pk.EstimatorOptions(prior={"elbo": 0.0}, prior_std={"elbo": 0.1}))
     with pytest.raises(pk.PwralignError, match="positive"):
         run(pk.EstimatorOptions(prior={"elbow": 0.0}, prior_std={"elbow": 0.0}))
     with pytest.raises(pk.PwralignError, match="moves with the joints"):

@@ -495,6 +495,9 @@ def test_xacro_finds_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Pa
     write_urdf(link("palm"), "ws/src/vendor/Hand-ROS2/hand.xacro", head)
     path = write_urdf('<xacro:include filename="$(find hand)/hand.xacro"/>', "elsewhere/urdf/bot.xacro", head)
     assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws"]).root_link == "palm"
+    write_urdf("", "ws2/src/hand/hand/package.xml", "<robot><name>hand</name>")
+    write_urdf(link("wrist"), "ws2/src/hand/hand/hand.xacro", head)
+    assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws2/src"]).root_link == "wrist"
 
 
 def test_every_example_robot_reads(robot_folder: Path) -> None:
