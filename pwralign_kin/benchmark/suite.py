@@ -168,14 +168,12 @@ def honest_doubt(settings: Settings, progress: Progress) -> Result:
             all_of += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress)
     outcomes = dict(summaries.grouped(all_of, lambda own: KNOWN if own.robot in ROBOTS else DRAWN))
     by_tier = dict(summaries.grouped(all_of, lambda outcome: outcome.tier))
-    return Result(
-        "\n".join(
-            [
-                calibration.confidence_table({**outcomes, **by_tier, "all": all_of}),
-                calibration.reliability_table({**outcomes, "all": all_of}),
-                calibration.doubt_table({**outcomes, **by_tier, "all": all_of}),
-            ]
-        ),
+    return _illustrated(
+        [
+            calibration.confidence_table({**outcomes, **by_tier, "all": all_of}),
+            calibration.reliability_table({**outcomes, "all": all_of}),
+            calibration.doubt_table({**outcomes, **by_tier, "all": all_of}),
+        ],
         all_of,
         {"reliability.png": calibration.reliability_diagram(outcomes)},
     )
