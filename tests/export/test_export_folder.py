@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -211,17 +212,19 @@ def test_a_failure_leaves_the_folder_as_it_was(
     assert (out / "state.json").read_text() == "old"
 
 
-def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "b").write_text("old")
-    move = Path.replace
-
-    def fail_at_c(path: Path, target: Path) -> Path:
+def _failing_at_c(move: Callable[[Path, Path], Path]) -> Callable[[Path, Path], Path]:
+    def moved(path: Path, target: Path) -> Path:
         if Path(target).name == "c":
             raise OSError(5, "Input/output error")
         return move(path, target)
 
-    monkeypatch.setattr(Path, "replace", fail_at_c)
+    return moved
+
+
+def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "b").write_text("old")
+    monkeypatch.setattr(Path, "replace", _failing_at_c(Path.replace))
     with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
         for name in "abc":
             (new / name).write_text("new")
@@ -237,14 +240,7 @@ def test_folders_within_move_too_and_go_again_on_failure(tmp_path: Path, monkeyp
             (new / name).parent.mkdir(parents=True)
             (new / name).write_text("new")
         assert (tmp_path / "out" / name).read_text() == "new"
-    move = Path.replace
-
-    def fail_at_c(path: Path, target: Path) -> Path:
-        if Path(target).name == "c":
-            raise OSError(5, "Input/output error")
-        return move(path, target)
-
-    monkeypatch.setattr(Path, "replace", fail_at_c)
+    monkeypatch.setattr(Path, "replace", _failing_at_c(Path.replace))
     with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
         (new / "other" / "deep").mkdir(parents=True)
         (new / "kept").mkdir()
