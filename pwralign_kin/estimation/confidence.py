@@ -11,8 +11,8 @@ PRESENT = (3.32, 4.15, 0.49, 0.28, -2.15, -0.5)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
-`pwralign_kin.benchmark.calibration.fitted` to answers of `python scripts/benchmark.py --table confidence`, to scans of
-seventeen models and to scans of something else."""
+`pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
+confidence`, which shows what it finds beside these."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""

@@ -16,8 +16,8 @@ RIGHT = (-0.27, -1.34, -0.67, -2.65, 1.35)
 def soundness(evidence: Evidence) -> float:
     """Return how well the evidence speaks for an answer, in [0, 1].
 
-    No chance of being right, which is `confidence`: thresholds of searches hang on this scale, and it stays as it is
-    when the confidence is fitted anew.
+    No chance of being right, which is `confidence`: most thresholds of searches hang on this scale, and it stays as it
+    is when the confidence is fitted anew.
     """
     return float(on_surface(evidence) * logistic(PRESENT, _presence(evidence)) * logistic(RIGHT, _rightness(evidence)))
 
