@@ -98,8 +98,8 @@ void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &
     offer.settle(part, best, owner, sample);
 }
 
-void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, float cap, float *best,
-                int *owner, int *sample, std::vector<CloseSample> &close) {
+void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, const uint8_t *balls, float cap,
+                float *best, int *owner, int *sample, std::vector<CloseSample> &close) {
     constexpr float rounding = 1e-4f;
     Offer offer(s, T, balled.points, close);
     for (int64_t first = 0; first < balled.centres.size; first += lane_count) {
@@ -108,7 +108,7 @@ void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints 
         const IntLanes near = first_lanes(int(balled.centres.size - first)) & (squared_from_box(s, local) < reach * reach);
         if (!any_lane(near)) continue;
         for (int j = 0; j < lane_count; ++j)
-            if (near[j]) offer.look((first + j) * lane_count, best);
+            if (near[j] && (!balls || balls[first + j])) offer.look((first + j) * lane_count, best);
     }
     offer.settle(part, best, owner, sample);
 }

@@ -25,8 +25,8 @@ struct BalledPoints {
 // where the part is nearer, `best`, `owner` and `sample` tell. `close` is memory that is used again.
 void offer_part(const Surface &surface, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
                 int *sample, std::vector<CloseSample> &close);
-// The same where no distance to beat is larger than `cap`.
-void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, float cap, float *best,
-                int *owner, int *sample, std::vector<CloseSample> &close);
+// The same where no distance to beat is larger than `cap`, of the points in some `balls` only (null: in all).
+void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, const uint8_t *balls,
+                float cap, float *best, int *owner, int *sample, std::vector<CloseSample> &close);
 
 } // namespace pwr

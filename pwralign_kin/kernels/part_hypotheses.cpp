@@ -79,28 +79,36 @@ static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec mode
 }
 
 // Score a candidate; most fail on the first few samples already, a third of those on half of them.
-void Search::consider(int part, const Rigid &pose, const float *point_weights,
-                      std::vector<Hypothesis> &candidates) const {
+void Search::consider(int part, const Rigid &pose, const float *point_weights, Pool &pool) const {
     constexpr int fewest_samples = 8, first_samples = 16;
     constexpr float promising = .15f, most_of_sample = .9f;
+    // How much less than the whole surface its first samples may promise: chance hardly makes more.
+    constexpr float fewest_doubt = .5f, first_doubt = .3f;
     const Surface &s = model.surface[part];
     const float distance = 1.3f * options.support_distance;
     const int fewest = s.count(fewest_samples), first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
     float early = part_score(part, T, 0, fewest, distance, point_weights);
+    if (early < (pool.bar - fewest_doubt) * s.cumulated[fewest]) return;
     const float hoped = early + most_of_sample * (s.cumulated[first] - s.cumulated[fewest]);
     if (hoped < promising * s.cumulated[first]) return;
     early += part_score(part, T, fewest, first, distance, point_weights);
-    if (early < promising * s.cumulated[first] || !prior.reachable(part, pose)) return;
-    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
+    if (early < std::max(promising, pool.bar - first_doubt) * s.cumulated[first] || !prior.reachable(part, pose)) return;
+    pool.add({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
 
-std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep,
-                                        const float *point_weights) const {
-    constexpr size_t pool = 400;
+void Search::Pool::add(const Hypothesis &candidate) {
+    if (candidate.score <= bar) return;
+    best.push_back(candidate);
+    if (best.size() < 2 * size) return;
+    sort_by_score(best, size);
+    bar = best.back().score;
+}
+
+std::vector<Hypothesis> Search::best_of(Pool pool, int keep, const float *point_weights) const {
     const int refined = std::min(60, 6 * keep);
-    sort_by_score(candidates, pool);
-    candidates = select(candidates, distinct(candidates, refined, .02f));
+    sort_by_score(pool.best, Pool::size);
+    std::vector<Hypothesis> candidates = select(pool.best, distinct(pool.best, refined, .02f));
     for (auto &h : candidates) refine_part(h, 5, point_weights);
     sort_by_score(candidates);
     return select(candidates, distinct(candidates, keep, .03f));
@@ -111,30 +119,31 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
     constexpr int votes_of_pair = 8, partners = 12;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
-    std::vector<Hypothesis> candidates;
-    if (table.pairs.empty() || points.empty()) return candidates;
+    Pool pool;
+    if (table.pairs.empty() || points.empty()) return {};
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
     const int count = int(points.size()), anchor_count = std::min(anchors, count);
     std::vector<int> order = points;
-    for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
+    for (int a = 0; a < count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
     // Regions with fewer points than anchors make up for it with more partners.
     const int per_anchor = std::max(1, anchors * partners / std::max(1, anchor_count));
     std::vector<Vec> positions;
-    for (int j : points) positions.push_back(field.points[j].p);
+    for (int j : order) positions.push_back(field.points[j].p);
     const SplitPoints split(positions.data(), count, 1);
-    std::vector<int> near(count + 1);
+    const int blocks = (count + lane_count - 1) / lane_count;
+    std::vector<int> near(per_anchor + lane_count);
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
-        int found = 0;
-        for (int64_t i = 0; i < count; i += lane_count) {
+        // The points are in random order: the first in range, from anywhere on, are a fair sample of them.
+        int found = 0, block = int(random.below(uint32_t(blocks)));
+        for (int looked = 0; looked < blocks && found < per_anchor; ++looked, block = block + 1 < blocks ? block + 1 : 0) {
+            const int i = block * lane_count;
             const VecLanes d = p.p - split.at(i);
             const FloatLanes squared = dot(d, d);
-            const IntLanes in_range = (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest);
-            if (!any_lane(in_range)) continue;
-            for (int j = 0; j < std::min<int>(lane_count, count - int(i)); ++j) near[found] = points[i + j], found -= in_range[j];
+            for_lanes(first_lanes(count - i) & (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest),
+                      [&](int j) { near[found++] = order[i + j]; });
         }
         for (int b = 0; b < per_anchor && b < found; ++b) {
-            std::swap(near[b], near[b + random.below(uint32_t(found - b))]);
             const OrientedPoint &q = field.points[near[b]];
             float Rs[9], Rm[9];
             if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
@@ -146,11 +155,11 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
                 const uint64_t pair = start[random.below(uint32_t(matches))];
                 const int first = PairTable::first(pair), second = PairTable::second(pair);
                 PairTable::pair_frame(s.n[first], s.p[second] - s.p[first], Rm);
-                consider(part, aligning(Rs, p.p, Rm, s.p[first]), point_weights, candidates);
+                consider(part, aligning(Rs, p.p, Rm, s.p[first]), point_weights, pool);
             }
         }
     }
-    return best_of(std::move(candidates), keep, point_weights);
+    return best_of(std::move(pool), keep, point_weights);
 }
 
 std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::vector<Correspondence> &given,
@@ -158,8 +167,8 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
     constexpr int trials = 20000;
     constexpr float stretch = .02f, bend = .35f;
     const float shortest = model.surface[part].pairs.shortest;
-    std::vector<Hypothesis> candidates;
-    if (given.size() < 2) return candidates;
+    Pool pool;
+    if (given.size() < 2) return {};
     std::vector<double> cumulated{0};
     for (const Correspondence &c : given) cumulated.push_back(cumulated.back() + c.weight);
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
@@ -175,9 +184,9 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
         if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
-        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field.weight.data(), candidates);
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field.weight.data(), pool);
     }
-    return best_of(std::move(candidates), keep, field.weight.data());
+    return best_of(std::move(pool), keep, field.weight.data());
 }
 
 std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,

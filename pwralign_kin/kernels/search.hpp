@@ -78,6 +78,8 @@ struct Nearest {
     std::vector<CloseSample> close; // memory that is used again
 
     Nearest(int64_t count, float cap);
+    // Take over what another one, of as many points, knows.
+    void take(const Nearest &other) { distance = other.distance, part = other.part, sample = other.sample; }
 };
 
 struct SweepTask {
@@ -161,8 +163,9 @@ class Search {
     // of placements.
     void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
                    float *out) const;
-    // Offer the parts in `mask` to points, in the order of their neighbourhood.
-    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const;
+    // Offer the parts in `mask` to points, in the order of their neighbourhood; to those of some `balls` only (null: all).
+    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to,
+               const uint8_t *balls = nullptr) const;
 
     const Articulated &model;
     const ScanField &field;
@@ -185,6 +188,14 @@ class Search {
         std::vector<Rigid> down, up;
         bool circular;
     };
+    // The best hypotheses of a part so far; `bar` is the least score of those that count.
+    struct Pool {
+        static constexpr size_t size = 400;
+        std::vector<Hypothesis> best;
+        float bar = lowest_score;
+
+        void add(const Hypothesis &candidate);
+    };
     struct Growth {
         const float *point_weights;
         const float *part_weights;
@@ -193,8 +204,8 @@ class Search {
                      const float *point_weights) const;
     std::vector<Hypothesis> hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
                                                int keep, const float *point_weights) const;
-    void consider(int part, const Rigid &pose, const float *point_weights, std::vector<Hypothesis> &candidates) const;
-    std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep, const float *point_weights) const;
+    void consider(int part, const Rigid &pose, const float *point_weights, Pool &pool) const;
+    std::vector<Hypothesis> best_of(Pool pool, int keep, const float *point_weights) const;
     void refine_part(Hypothesis &hypothesis, int iterations, const float *point_weights) const;
     double close_chain(const ReachTask &task, const Rigid &goal, const std::vector<int> &joints,
                        std::vector<double> &values) const;
