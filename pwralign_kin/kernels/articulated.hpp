@@ -31,7 +31,8 @@ struct Surface {
     Vec centre{0, 0, 0};
     std::vector<Vec> p, n;                     // coarse samples, farthest first: any prefix is a coarse set
     std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
-    std::vector<OrientedPoint> dense;          // samples that the grid refers to
+    std::vector<OrientedPoint> dense;          // samples that the grid refers to, ...
+    OrientedRows dense_rows;                   // ... and once more, for several at a time
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
     float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing

@@ -215,20 +215,19 @@ void Search::refine_part(Hypothesis &h, int iterations, const float *point_weigh
     for (int iteration = 0; iteration < iterations; ++iteration) {
         const RigidF T = to_float(h.T);
         const Vec centre{T.t[0], T.t[1], T.t[2]};
-        Normal normal;
-        for (int i = 0; i < count; ++i) {
-            const Vec x = apply(T, s.p[i]);
-            const int k = field.nearest(x);
-            if (k < 0) continue;
-            const OrientedPoint &q = field.points[k];
-            const float facing = dot(rotate(T, s.n[i]), q.n);
-            const Vec d = q.p - x;
-            const float rest = 1 - dot(d, d) / limit;
-            if (facing < .3f || rest <= 0) continue;
-            const float w = s.w[i] / s.cumulated[count] * rest * rest * facing;
-            normal.add_plane(x - centre, q.n, dot(d, q.n), w);
-            normal.add_point(x - centre, d, .1f * w);
+        NormalLanes pulls;
+        for (int i = 0; i < count; i += lane_count) {
+            const SampleLanes at(field, s, T, i, count);
+            const FloatLanes rest = 1 - at.squared / limit, share = at.w / s.cumulated[count];
+            const IntLanes pulled = at.found & (at.facing >= .3f) & (rest > 0);
+            if (!any_lane(pulled)) continue;
+            const FloatLanes w = pulled ? share * rest * rest * at.facing : FloatLanes{};
+            const VecLanes arm = at.place - centre, pull = Vec{0, 0, 0} - at.away;
+            pulls.add_planes(arm, at.normal, dot(pull, at.normal), w);
+            pulls.add_points(arm, pull, .1f * w);
         }
+        Normal normal;
+        pulls.add_to(normal);
         normal.mirror();
         for (int i = 0; i < 3; ++i) normal.H[7 * i] += 1e-3 * options.support_distance * options.support_distance + 1e-9;
         for (int i = 3; i < 6; ++i) normal.H[7 * i] += 1e-3;

@@ -144,8 +144,7 @@ PointSample Search::sample_of_points(int most) const {
     std::vector<int> order;
     for (const int k : field.curve)
         if (rank[k] < int(sampled.size())) order.push_back(rank[k]);
-    BalledPoints balled(&sampled[0].p, 2, std::move(order));
-    return {std::move(sampled), std::move(balled)};
+    return {std::move(sampled), std::move(order)};
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,

@@ -68,6 +68,12 @@ struct Assignment {
 struct PointSample {
     std::vector<OrientedPoint> points;
     BalledPoints balled;
+    OrientedRows rows; // in the order of their neighbourhood
+
+    PointSample(std::vector<OrientedPoint> given, std::vector<int> order)
+        : points(std::move(given)), balled(&points[0].p, 2, std::move(order)) {
+        for (const int i : balled.order) rows.push(points[i].p, points[i].n);
+    }
 };
 
 // What is nearest to each of some balled points so far.

@@ -11,9 +11,6 @@ Vec greatest(Vec a, Vec b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std
 
 void set_lane(VecLanes &lanes, int lane, Vec v) { lanes.x[lane] = v.x, lanes.y[lane] = v.y, lanes.z[lane] = v.z; }
 
-VecLanes cross(const VecLanes &a, const VecLanes &b) {
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
 VecLanes along(const VecLanes &a, FloatLanes share, const VecLanes &b) {
     return {a.x + share * b.x, a.y + share * b.y, a.z + share * b.z};
 }
