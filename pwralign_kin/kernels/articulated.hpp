@@ -53,13 +53,22 @@ struct Surface {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
     }
-    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
-    // `aside` is how far beyond its rim the position lies.
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each: `aside`
+    // is how far beyond its rim the position lies.
     float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);
         aside = std::max(0.f, std::sqrt(std::max(0.f, dot(d, d) - plane * plane)) - slack);
-        return aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
+        return std::sqrt(plane * plane + aside * aside);
+    }
+    // Those of some positions to as many samples.
+    FloatLanes distances_to(const int *samples, const VecLanes &local) const {
+        VecLanes place, normal;
+        dense_rows.gather(samples, place, normal);
+        const VecLanes d = local - place;
+        const FloatLanes plane = dot(d, normal), nothing{};
+        const FloatLanes aside = max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - slack, nothing);
+        return sqrt_lanes(plane * plane + aside * aside);
     }
 };
 

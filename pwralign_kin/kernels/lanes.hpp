@@ -38,7 +38,9 @@ inline bool any_lane(IntLanes condition) {
 // Call f(lane) for every lane in which the condition holds.
 template <typename F> void for_lanes(IntLanes condition, F &&f) {
 #ifdef __AVX__
-    unsigned bits = unsigned(__builtin_ia32_movmskps256(reinterpret_cast<FloatLanes &>(condition)));
+    FloatLanes signs;
+    std::memcpy(&signs, &condition, sizeof(signs));
+    unsigned bits = unsigned(__builtin_ia32_movmskps256(signs));
 #else
     unsigned bits = 0;
     for (int j = 0; j < lane_count; ++j) bits |= unsigned(condition[j] & 1) << j;
@@ -139,8 +141,8 @@ struct SplitPoints {
         size += last - first;
     }
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
-
-  private:
+    // For positions that are not counted, in room made for them.
+    void set(int64_t i, Vec p) { x[i] = p.x, y[i] = p.y, z[i] = p.z; }
     void make_room(int64_t more) {
         if (size + more + lane_count <= int64_t(x.size())) return;
         const size_t most = 2 * size + more + 4 * lane_count;
@@ -155,6 +157,7 @@ class OrientedRows {
         const float row[lane_count] = {point.x, point.y, point.z, normal.x, normal.y, normal.z};
         rows.insert(rows.end(), row, row + lane_count);
     }
+    void prefetch(int index) const { __builtin_prefetch(&rows[size_t(index) * lane_count]); }
     // Those of some indices.
     void gather(const int *index, VecLanes &point, VecLanes &normal) const {
         auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };

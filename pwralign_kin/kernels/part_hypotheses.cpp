@@ -20,8 +20,9 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
             sum += at.w * -penalty;
             continue;
         }
-        FloatLanes trust{};
-        for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
+        FloatLanes trust = all_lanes(1);
+        if (point_weights)
+            for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
         const FloatLanes match = trust * (1 - at.squared * share) * (.25f + .75f * at.facing);
         const IntLanes seen = field.has_origin ? at.seen > 0 : at.seen == at.seen;
         sum += at.w * (at.squared < limit ? (seen ? match : FloatLanes{}) : -penalty);
@@ -184,9 +185,13 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
         if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
-        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field.weight.data(), pool);
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field_weights, pool);
     }
-    return best_of(std::move(pool), keep, field.weight.data());
+    return best_of(std::move(pool), keep, field_weights);
+}
+
+const float *Search::weights_or_none(const std::vector<float> &weights) {
+    return std::all_of(weights.begin(), weights.end(), [](float w) { return w == 1; }) ? nullptr : weights.data();
 }
 
 std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
@@ -194,8 +199,9 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
                                                 uint64_t seed, int keep,
                                                 const std::vector<float> &point_weights) const {
     std::vector<std::vector<Hypothesis>> found(parts.size());
+    const float *weights = weights_or_none(point_weights);
     parallel_for(int64_t(parts.size()), options.threads, [&](int64_t i) {
-        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, point_weights.data());
+        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, weights);
     });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
@@ -204,7 +210,7 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
 
 void Search::refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const {
     parallel_for(int64_t(hypotheses.size()), options.threads,
-                 [&](int64_t i) { refine_part(hypotheses[i], iterations, field.weight.data()); });
+                 [&](int64_t i) { refine_part(hypotheses[i], iterations, field_weights); });
 }
 
 // Point-to-plane ICP of one part against the field, samples of the model towards the scan.

@@ -8,9 +8,10 @@ namespace pwr {
 Nearest::Nearest(int64_t count, float cap) : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
 
 void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to, const uint8_t *balls) const {
+    thread_local CloseSamples close;
     for (int p = 0; p < model.parts; ++p)
         if (mask[p])
-            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.distance.data(), to.part.data(), to.sample.data(), to.close);
+            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.distance.data(), to.part.data(), to.sample.data(), close);
 }
 
 Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const {
@@ -260,7 +261,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             Nearest now = before;
             for (const int v : modes) {
                 place(tried[v], moving);
-                now.take(before);
+                now = before;
                 offer(points, T.data(), moves.data(), now);
                 float gained = 0;
                 for (int at = 0; at < count; ++at)

@@ -81,11 +81,8 @@ struct Nearest {
     float cap;
     std::vector<float> distance; // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
-    std::vector<CloseSample> close; // memory that is used again
 
     Nearest(int64_t count, float cap);
-    // Take over what another one, of as many points, knows.
-    void take(const Nearest &other) { distance = other.distance, part = other.part, sample = other.sample; }
 };
 
 struct SweepTask {
@@ -206,6 +203,8 @@ class Search {
         const float *point_weights;
         const float *part_weights;
     };
+    // The weights of scan points, null where all are 1: that need not be looked up.
+    static const float *weights_or_none(const std::vector<float> &weights);
     float part_score(int part, const RigidF &T, int first, int last, float distance,
                      const float *point_weights) const;
     std::vector<Hypothesis> hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
@@ -249,6 +248,7 @@ class Search {
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
     int support_samples;         // of each part that tell its support
+    const float *field_weights; // as of `weights_or_none`
     float most_trust = 0;        // largest weight of a scan point
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it
