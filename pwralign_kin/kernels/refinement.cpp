@@ -151,8 +151,6 @@ void Search::refine_one(Configuration &c, const PointSample &sampled, int iterat
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
     std::vector<double> twists(6 * n), H(size * size), step(size);
-    constexpr double little = 4e-3;
-    constexpr int faster = 2;
     for (int iteration = 0; iteration < iterations; ++iteration) {
         const float progress = std::min(1.f, iteration / (iterations * .7f));
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
@@ -184,8 +182,6 @@ void Search::refine_one(Configuration &c, const PointSample &sampled, int iterat
             largest = std::max(largest, model.step_joint(j, step[6 + j], .35, c.values[j]));
         const double angle = retract(c.base, step.data(), .35);
         if (progress >= 1 && largest < 3e-4 && angle < 3e-4) break;
-        // Where a step hardly moves anything, the scale may shrink faster.
-        if (progress < 1 && largest < little && angle < little) iteration += faster;
     }
     orthonormalise(c.base.R);
 }

@@ -9,8 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch, median
+from pwralign_kin.estimation.observation import ObservationOptions, median, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
