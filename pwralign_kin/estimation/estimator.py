@@ -211,7 +211,7 @@ class Estimator:
         """Raise `ScanError` for hints that lead away from the scan."""
         if self.options.near is None and self.options.region is None:
             return
-        low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+        low, high = scan.box
         extent = f"the scan is from {point_text(low)} to {point_text(high)} m"
         near, region = self.options.near, self.options.region
         if near is not None:

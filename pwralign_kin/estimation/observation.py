@@ -140,7 +140,7 @@ class Observation:
 
 def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: int) -> Observation:
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
-    centre = np.asarray(scan.points.mean(axis=0))
+    centre = np.array([coordinate.mean() for coordinate in scan.points.T])
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
     origin = common_origin(scan, centre, diagonal)
@@ -187,12 +187,20 @@ def without_far_points(scan: Scan, reach: float) -> Scan:
 
     One point without depth, put where the sensor or the origin of the map is, would widen the scan beyond all bounds.
     """
-    if (np.ptp(scan.points, axis=0) <= reach).all():
+    if (scan.extent <= reach).all():
         return scan
     low, high = bulk(scan)
     if ((scan.points >= low - reach) & (scan.points <= high + reach)).all():
         return scan
     return scan.cropped(low - reach, high + reach)
+
+
+def median(values: NDArray[Any]) -> float:
+    """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for NaNs first."""
+    middle = len(values) // 2
+    ordered = np.partition(values, middle)
+    below = ordered[middle] if len(values) % 2 else ordered[:middle].max()
+    return float(below + ordered[middle]) / 2.0
 
 
 def normals_of(points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int) -> Float:
@@ -206,7 +214,7 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
 
     Raises `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres).
     """
-    extent = np.ptp(raw, axis=0)
+    extent = scan.extent / diagonal
     means, cell = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
     if extent.max() < MOST_EXTENT:
         means, _, cell = kernels.voxel_means(raw, options.voxel)
@@ -296,7 +304,8 @@ def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
 
 def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array]:
     """Return per count of neighbours the median variances across and along planes through so many about `chosen`."""
-    thin, wide = np.median(kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads), axis=-1).T
+    variances = kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads)
+    thin, wide = np.array([[median(own) for own in both] for both in variances]).T
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide
 
@@ -354,10 +363,10 @@ def _without_strays(points: Float, options: ObservationOptions, threads: int) ->
     if len(points) < 8:
         return points, options.voxel
     sixth = sixth_neighbour(points, threads)
-    kept = sixth < max(options.stray_distance, options.stray_spacings * float(np.median(sixth)))
+    kept = sixth < max(options.stray_distance, options.stray_spacings * median(sixth))
     if kept.sum() > 50:
         points, sixth = points[kept], sixth[kept]
-    return np.ascontiguousarray(points), float(np.median(sixth))
+    return np.ascontiguousarray(points), median(sixth)
 
 
 def oriented_normals(

@@ -91,7 +91,7 @@ def is_scene(
 ) -> bool:
     """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
-    low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+    low, high = scan.box
     widest = (options.reaches_unseen if origin is None else options.reaches) * reach
     if np.linalg.norm(high - low) > widest and np.linalg.norm(np.subtract(*preparation.bulk(scan))) > widest:
         return True

@@ -38,6 +38,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     int with_surface = 1;
     for (const Surface &s : model.surface) with_surface += s.exists;
     support_samples = std::clamp(samples_of_model / with_surface, fewest, samples_of_part);
+    field_weights = weights_or_none(field.weight);
     for (const float weight : field.weight) most_trust = std::max(most_trust, weight);
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
@@ -422,7 +423,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, in
         Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral, std::vector<uint8_t>(model.joints, 0), 0};
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
-        const Growth growth{field.weight.data(), weights.data()};
+        const Growth growth{field_weights, weights.data()};
         for (const Partial &state : grow_from(start, roots[i].part, -1, -1, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
@@ -453,7 +454,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
             point_weights.resize(count);
             for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
         }
-        const Growth growth{point_weights.empty() ? field.weight.data() : point_weights.data(), task.weights.data()};
+        const Growth growth{point_weights.empty() ? field_weights : point_weights.data(), task.weights.data()};
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });

@@ -9,8 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch, median
+from pwralign_kin.estimation.observation import ObservationOptions, median, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -65,6 +65,21 @@ def test_a_moved_limb_is_not_crowded_out_by_near_copies(search: TreeSearch, righ
     assert has_moved(kept)
     assert len(kept) <= 8
     assert (np.diff(kept.scores) <= 0).all()
+
+
+@pytest.mark.parametrize("base_moves", [False, True])
+def test_what_a_sweep_finds_scores_as_whole_configurations_do(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, units: np.ndarray, base_moves: bool
+) -> None:
+    few = pk.Scan(single_scan.scan.points[::25], sensor_origin=single_scan.scan.sensor_origin)
+    observation = observe(few, arm.diagonal, ObservationOptions(), 1)
+    assert len(observation.points) <= 350  # a sweep looks at no more of them at first
+    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 1)
+    true = true_candidate(arm, search, single_scan, units)
+    joints = np.arange(true.values.shape[1], dtype=np.int32)
+    swept = search.swept(true, joints, np.full(len(joints), base_moves), 4)
+    assert len(swept) > len(joints)
+    np.testing.assert_allclose(swept.scores, search.scored(swept)[0].scores, atol=1e-4)
 
 
 def test_a_view_contradicts_surface_in_free_space(
