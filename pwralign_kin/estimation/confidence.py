@@ -37,12 +37,12 @@ def confidence(evidence: Evidence) -> float:
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (5,).
 
-    What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
-    out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
-    something else, many answers are about as good, surface that only coincides with the model's goes on beyond it, and
-    a view from one side looks past much of the model.
+    What lies on or near the model, or hangs together with it, and is not of it to within the noise counts the more, the
+    less of the model is borne out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out,
+    but neither does both. In something else, many answers are about as good, surface that only coincides with the
+    model's goes on beyond it, and a view from one side looks past much of the model.
     """
-    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    unlike = np.sqrt(10.0 * min(evidence.attached + evidence.astray, 0.4))
     return np.array(
         [
             unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.6) / 0.6),
