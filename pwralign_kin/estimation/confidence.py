@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.32, 4.15, 0.49, 0.28, -2.15, -0.5)
+PRESENT = (3.34, 4.15, 0.47, 0.25, -2.22, -0.49)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
+RIGHT = (1.25, -0.38, -0.88, 0.7, 0.25)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
 confidence`, which shows what it finds beside these."""
@@ -55,12 +55,11 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a right answer from a wrong one (5,), within the range that simulated scans tell apart:
+    """Return what tells a right answer from a wrong one (4,), within the range that simulated scans tell apart:
     logarithms, or nearly, for the first doubts weigh most."""
     distinct, told = np.clip([evidence.distinct, evidence.told], -8.0, 12.0)
     return np.array(
         [
-            np.log(min(evidence.nearby, 0.05) + 0.02),
             np.log(evidence.lacking + 0.01),
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
             np.arcsinh((distinct + (told - distinct) * max(0.0, 1.0 - evidence.astray / BENT)) / 2.0),
