@@ -113,7 +113,7 @@ def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
 
 
 def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
-    """Return intercept and coefficients (5,) of what tells right answers from wrong ones, the model being there.
+    """Return intercept and coefficients (6,) of what tells right answers from wrong ones, the model being there.
 
     It is the product with the chance of being there, by the coefficients `present`, that is to be right as often as it
     says: expectation maximisation tells how far answers are wrong for what the one does not know or the other.
@@ -156,7 +156,7 @@ def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
         "present: intercept", "unlike and not borne out", "borne out", "distinct", "continued", "refuted",
-        "right: intercept", "lacking", "uneven", "told", "few points",
+        "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
     )  # fmt: skip
     present = fitted_presence(outcomes, elsewhere)
     found = np.concatenate([present, fitted(outcomes, present)])

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.34, 4.15, 0.47, 0.25, -2.22, -0.49)
+PRESENT = (3.32, 4.15, 0.49, 0.28, -2.15, -0.5)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-RIGHT = (1.25, -0.38, -0.88, 0.7, 0.25)
+RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
 confidence`, which shows what it finds beside these."""
@@ -37,12 +37,12 @@ def confidence(evidence: Evidence) -> float:
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (5,).
 
-    What lies on or near the model, or hangs together with it, and is not of it to within the noise counts the more, the
-    less of the model is borne out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out,
-    but neither does both. In something else, many answers are about as good, surface that only coincides with the
-    model's goes on beyond it, and a view from one side looks past much of the model.
+    What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
+    out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
+    something else, many answers are about as good, surface that only coincides with the model's goes on beyond it, and
+    a view from one side looks past much of the model.
     """
-    unlike = np.sqrt(10.0 * min(evidence.attached + evidence.astray, 0.4))
+    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
     return np.array(
         [
             unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.6) / 0.6),
@@ -55,11 +55,12 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a right answer from a wrong one (4,), within the range that simulated scans tell apart:
+    """Return what tells a right answer from a wrong one (5,), within the range that simulated scans tell apart:
     logarithms, or nearly, for the first doubts weigh most."""
     distinct, told = np.clip([evidence.distinct, evidence.told], -8.0, 12.0)
     return np.array(
         [
+            np.log(min(evidence.nearby, 0.05) + 0.02),
             np.log(evidence.lacking + 0.01),
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
             np.arcsinh((distinct + (told - distinct) * max(0.0, 1.0 - evidence.astray / BENT)) / 2.0),

@@ -1,8 +1,7 @@
 """Whether the scan's surface ends where the model's does.
 
 Surface that merely coincides with a piece of something larger, as a plate does that lies in a wall, explains its points
-as well as surface that is truly there; but beyond its edges the scan goes on. And what hangs together with the model,
-however far it reaches, is of one thing with it, or touches it.
+as well as surface that is truly there; but beyond its edges the scan goes on.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import kernels
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.tree_search import Float, TreeSearch
 from pwralign_kin.se3 import Array
@@ -29,8 +27,6 @@ ALIKE, SAME_PLANE = 0.8, 0.9
 """... and the cosine between the normals: of scan and model where the step starts, and of the scan at its two ends."""
 LEAST_STEPS = 20
 """Steps off the model, below which their share tells less."""
-LINK, LINK_SPACINGS = 0.02, 2.0
-"""Distance between points that hang together: so much (model diagonals), and at least so many times their spacing."""
 
 PRICE, USUAL = 0.6, 0.15
 """Score of a scene's answer that is lost where all its edges are continued, and their share that costs nothing."""
@@ -82,21 +78,6 @@ def continued_beside(search: TreeSearch, candidate: Candidates, distances: Float
     follows &= away < TOLERANCE + NOISES * observation.noise
     follows &= np.abs(np.einsum("ij,ij->i", turned, normals[start])) > SAME_PLANE
     return float(follows.sum() / max(len(off), LEAST_STEPS))
-
-
-def hanging_on(search: TreeSearch, explained: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which scan points (m,) that are not `explained` hang together, from point to point, with such as are."""
-    from scipy.spatial import cKDTree
-
-    observation, hanging = search.observation, np.zeros(len(explained), bool)
-    left = np.flatnonzero(~explained)
-    if len(left) == 0 or not explained.any():
-        return hanging
-    link = max(LINK, LINK_SPACINGS * observation.spacing)
-    of = kernels.components(np.ascontiguousarray(observation.points[left]), link)
-    apart = cKDTree(observation.points[explained]).query(observation.points[left], distance_upper_bound=link)[0]
-    hanging[left] = np.isin(of, of[np.isfinite(apart)])
-    return hanging
 
 
 def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:

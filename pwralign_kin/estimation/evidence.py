@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.continuation import continued, continued_beside, hanging_on
+from pwralign_kin.estimation.continuation import continued, continued_beside
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 
 LEAST_POINTS = 8
@@ -75,9 +75,6 @@ class Evidence:
     """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
     model, as `nearby`."""
 
-    attached: float
-    """The same with all that hangs together with it, from point to point, however far it reaches."""
-
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
     sensor."""
@@ -106,12 +103,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     on_model = areas[explained].sum() / areas.sum()
     alike = explained & (np.abs(cosine) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
-    strange = attached = nearby
-    if not observation.scene:
-        strange = nearby / max(nearby + on_model, 1e-9)
-        far = ~explained & (distance >= search.options.near)
-        besides = nearby + areas[far & hanging_on(search, explained)].sum() / areas.sum()
-        attached = besides / max(besides + on_model, 1e-9)
+    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
     well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
@@ -130,7 +122,6 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         observation.noise,
         confirmed * float(shares @ weights) / float(weights.sum()),
         float(strange),
-        float(attached),
         float(astray),
         refuted,
         beyond,

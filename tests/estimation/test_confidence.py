@@ -25,7 +25,6 @@ GOOD = Evidence(
     noise=0.002,
     borne_out=0.6,
     strange=0.0,
-    attached=0.0,
     astray=0.0,
     refuted=0.0,
     continued=0.0,
@@ -71,7 +70,7 @@ def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
     assert found.lacking > 0.1
     assert found.margin < 0.0
     assert found.distinct < 0.0
-    assert confidence(found) < 0.5
+    assert confidence(found) < 0.2
     assert soundness(found) < 0.2
 
 
@@ -95,13 +94,14 @@ def test_surface_that_noise_does_not_explain_is_astray(
 @pytest.mark.parametrize(
     "worse",
     [
+        {"nearby": 0.05},
         {"lacking": 0.3},
         {"uneven": 3.0},
         {"distinct": 0.0},
         {"told": 0.0},
         {"noise": 0.03},
         {"borne_out": 0.1},
-        {"borne_out": 0.3, "attached": 0.3},
+        {"borne_out": 0.3, "strange": 0.3},
         {"borne_out": 0.3, "astray": 0.3},
         {"refuted": 0.5},
         {"continued": 0.5},
@@ -148,7 +148,7 @@ def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
 
 def test_few_points_a_part_are_little_to_go_by() -> None:
     chances = [confidence(dataclasses.replace(GOOD, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
-    assert chances[0] < chances[1] < chances[2]
+    assert chances[0] < chances[1] - 0.01 < chances[2] - 0.02
     assert chances[2] == chances[3]
 
 

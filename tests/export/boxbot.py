@@ -136,7 +136,6 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
             noise=0.002,
             borne_out=0.6,
             strange=0.0,
-            attached=0.0,
             astray=0.0,
             refuted=0.0,
             continued=0.0,
