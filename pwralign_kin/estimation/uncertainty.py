@@ -27,6 +27,8 @@ LEAST_POINTS = 8
 """Correspondences below which a part counts as unseen."""
 LEAST_NOISE = 1e-3
 """Residuals below this (model diagonals) are not believed: model and sensor are never that exact."""
+SAMPLING = 8e-4
+"""Residual (model diagonals) that distances to samples of the surface, instead of to itself, leave of exact scans."""
 POINTS_AS_ONE = 3.0
 """How many points are worth one whose error is independent: robust weights and neighbours that share their errors."""
 MORE_THAN_FISHER = 2.0
@@ -58,7 +60,7 @@ def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> 
     """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
     # Neighbouring points hide some of the noise where it folds thin parts.
     noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
-    return Errors(noise, float(np.sqrt(max(search.residual(final) ** 2 - noise**2, 0.0))))
+    return Errors(noise, float(np.sqrt(max(search.residual(final) ** 2 - noise**2 - SAMPLING**2, 0.0))))
 
 
 def undetermined_joints(
