@@ -202,6 +202,7 @@ class Search {
     struct Growth {
         const float *point_weights;
         const float *part_weights;
+        const std::vector<Hypothesis> *placed; // where parts may be; null: not known
     };
     // The weights of scan points, null where all are 1: that need not be looked up.
     static const float *weights_or_none(const std::vector<float> &weights);
@@ -214,6 +215,8 @@ class Search {
     void refine_part(Hypothesis &hypothesis, int iterations, const float *point_weights) const;
     double close_chain(const ReachTask &task, const Rigid &goal, const std::vector<int> &joints,
                        std::vector<double> &values) const;
+    std::vector<Configuration> closed(const ReachTask &task, const Rigid &held, const std::vector<double> &values,
+                                      Random random, int starts, int keep, float tolerance) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(std::vector<Partial> states, int node, Edge edge, float leads_to, int most,
@@ -221,6 +224,9 @@ class Search {
     std::vector<Edge> silent_path(const Partial &state, int node, Edge edge, const Growth &growth) const;
     std::vector<Partial> cross_silent(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
                                       const Growth &growth) const;
+    bool is_wide(const std::vector<Edge> &path) const;
+    std::vector<Partial> brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
+                                 const std::vector<Hypothesis> &placed) const;
     float damped(float score) const;
     double displacement(int part, const Rigid &A, const Rigid &B, bool turning) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;

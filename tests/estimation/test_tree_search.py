@@ -37,6 +37,13 @@ HINGES = [
 ]
 
 
+TABLE = """<robot name="table">
+  <link name="a"><visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual></link>
+  <link name="b"><visual><geometry><box size="0.15 0.12 0.3"/></geometry></visual></link>
+  <joint name="j" type="planar"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
 def true_candidate(
     model: pk.ArticulatedModel, search: TreeSearch, made: SimulatedScan, units: np.ndarray
 ) -> Candidates:
@@ -165,3 +172,14 @@ def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> Non
         assert (np.diff(many.scores) <= 0).all()
         assert many.scores[0] == best.scores[index]
         assert np.array_equal(many.values[0], best.values[index])
+
+
+@pytest.mark.parametrize("seed", [0, 2, 7])
+def test_a_part_on_a_planar_joint_is_found_wherever_it_slides(tmp_path: Path, seed: int) -> None:
+    urdf = tmp_path / "table.urdf"
+    urdf.write_text(TABLE)
+    model = pk.ArticulatedModel.from_urdf(urdf)
+    made = pk.simulate(model, sensor=pk.Sensor(points=3000), seed=seed)
+    estimate = pk.estimate(model, made.scan)
+    assert estimate.scan_coverage > 0.99
+    assert estimate.confidence > 0.8
