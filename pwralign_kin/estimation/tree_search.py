@@ -454,7 +454,7 @@ class TreeSearch:
         """
         shares = self.explained_shares(owners)
         fair = max(1.0, float(np.median(shares[self.exists])))
-        return np.minimum(shares / np.float32(fair), 1.0)
+        return np.asarray(np.minimum(shares / fair, 1.0), np.float32)
 
     def lacking(self, shares: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) explain too little of the scan, by their `fair_shares`.
