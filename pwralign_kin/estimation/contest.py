@@ -76,7 +76,8 @@ def _likelier(
     several = Candidates.concatenate([known, near])
     in_order = Candidates(several.bases, several.values, -np.arange(len(several), dtype=np.float32))
     distinct = search.distinct(in_order, len(several), search.options.distinct)
-    rivals = distinct.take(distinct.scores <= -len(known)).take(slice(TIES))
+    order = np.rint(-distinct.scores).astype(np.int64) - len(known)
+    rivals = near.take(order[order >= 0][:TIES])
     if len(rivals) == 0:
         return None
     together = Candidates.concatenate([final, rivals])

@@ -447,18 +447,26 @@ class TreeSearch:
         own = np.bincount(owners[owners >= 0], (area * np.ones(len(owners)))[owners >= 0], len(self.exists))
         return np.asarray(own / np.maximum(self.areas * self._usual_share, 1e-9), np.float32)
 
+    def fair_shares(self, owners: Ints) -> Float:
+        """Return the `explained_shares`, at most 1; of what the median part has, where that is more than it should.
+
+        Noise spreads the points of thin parts over more area than they have.
+        """
+        shares = self.explained_shares(owners)
+        fair = max(1.0, float(np.median(shares[self.exists])))
+        return np.asarray(np.minimum(shares / fair, 1.0), np.float32)
+
     def lacking(self, shares: Float) -> NDArray[np.bool_]:
-        """Return which parts (parts,) explain too little of the scan, by their `explained_shares`.
+        """Return which parts (parts,) explain too little of the scan, by their `fair_shares`.
 
         The measure is the average of all parts: a sparse scan shows less of every part.
         """
-        shares = np.minimum(shares, 1.0)
         average = float(shares @ self.weights) / float(self.weights[self.exists].sum())
         return self.exists & (shares <= self.options.lacking * average)
 
     def lacks(self, candidate: Candidates) -> NDArray[np.bool_]:
         """Return which parts (parts,) of one candidate explain too little of the scan."""
-        return self.lacking(self.explained_shares(self.owners(candidate, self.exists)[1]))
+        return self.lacking(self.fair_shares(self.owners(candidate, self.exists)[1]))
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""

@@ -183,3 +183,24 @@ def test_a_part_on_a_planar_joint_is_found_wherever_it_slides(tmp_path: Path, se
     estimate = pk.estimate(model, made.scan)
     assert estimate.scan_coverage > 0.99
     assert estimate.confidence > 0.8
+
+
+STRIP = """<link name="s{0}">
+  <visual><origin xyz="0.1 0 0"/><geometry><box size="0.22 0.016 0.003"/></geometry></visual></link>"""
+PIVOT = """<joint name="p{1}" type="revolute"><parent link="s{0}"/><child link="s{1}"/>
+  <origin xyz="0.2 0 0.0035"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
+
+
+def test_a_thin_part_off_the_scan_lacks_however_much_area_noise_gives_the_others(tmp_path: Path) -> None:
+    strips = "".join(STRIP.format(i) for i in range(5)) + "".join(PIVOT.format(i, i + 1) for i in range(4))
+    (tmp_path / "rule.urdf").write_text(f'<robot name="rule">{strips}</robot>')
+    rule = pk.ArticulatedModel.from_urdf(tmp_path / "rule.urdf")
+    truth = pk.State(np.eye(4), dict(zip(rule.joint_names, (0.9, -1.1, 1.2, 0.8), strict=True)))
+    made = pk.simulate(rule, truth, TIERS["hololens"], seed=0)
+    observation = observe(made.scan, rule.diagonal, ObservationOptions(), 1)
+    search = TreeSearch(rule.kernel_model, rule.surfaces, observation, rule.values({}), SearchOptions(), 1)
+    right = true_candidate(rule, search, made, np.ones(4))
+    off = Candidates(right.bases, right.values + np.array([0.0, 0.0, 0.0, 1.5]), NONE)
+    assert search.explained_shares(search.owners(right, search.exists)[1]).min() > 1.5
+    assert not search.lacks(right).any()
+    assert search.lacks(off).tolist() == [False, False, False, False, True]
