@@ -472,8 +472,8 @@ class TreeSearch:
 
     @property
     def reach(self) -> float:
-        """Distance within which a scan point lies on the model."""
-        return 0.02 + 2 * self.observation.noise
+        """Distance within which a scan point lies on the model, less than the kernels tell."""
+        return min(self.options.near, 0.02 + 2 * self.observation.noise)
 
     @property
     def noise_reach(self) -> float:

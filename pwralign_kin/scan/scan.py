@@ -208,6 +208,10 @@ class Scan:
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
         return self._derived(np.arange(len(self.points)), factor * self.points, origin)
 
+    def without_sensor_origin(self) -> Scan:
+        """Return the scan without saying where it was seen from; it loses its depth camera."""
+        return self._derived(np.arange(len(self.points)), self.points, None)
+
     def cropped(self, lower: ArrayLike, upper: ArrayLike) -> Scan:
         """Return the points within the axis-aligned box from `lower` (3,) to `upper` (3,), m, scan frame.
 
