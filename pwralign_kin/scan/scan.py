@@ -129,10 +129,10 @@ class Scan:
         """Read a scan file: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, or a scanned mesh (OBJ, STL, GLB, PLY with
         faces).
 
-        Meshes are sampled uniformly by area with a fixed seed, coarse ones give their vertices. `sensor_origin` (3,) or (n, 3), in the unit of
-        the file, overrides one in the file. `units` is the unit of the file, converted to m; "auto" keeps the
-        numbers as they are, because only beside a model can the unit be told: pass the scan on to
-        `check_units`.
+        Meshes are sampled uniformly by area with a fixed seed; coarse ones give their vertices. `sensor_origin`
+        (3,) or (n, 3), in the unit of the file, overrides one in the file. `units` is the unit of the file,
+        converted to m; "auto" keeps the numbers as they are, because only beside a model can the unit be told:
+        pass the scan on to `check_units`.
 
         Raises `ScanError` naming the file and the cause.
         """
