@@ -36,6 +36,8 @@ LINES = 0.25
 """Share of neighbourhoods of one scan line from which all are widened until they hold several, ..."""
 WIDER, WIDENINGS = 1.5, 5
 """... each time by so much, so often at most."""
+LINE_PIXEL = 0.72
+"""Pixel of the depth image that leaves no space between scan lines empty, as a share of their distance."""
 HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, HIDING_RANGE = 20000, 0.02, 0.06, 0.2
 """Points of which it is told whether they hide each other, pixels that they then share (model diagonals, at their usual
 range, or this if it is less), and how far apart in depth."""
@@ -213,20 +215,20 @@ def normals_of(
     points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int
 ) -> tuple[Float, float]:
     """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing; and how far
-    apart points are where they are farthest: spinning sensors scan lines that are many points apart."""
+    apart scan lines are, where a spinning sensor leaves many points' spacings between them, else 0."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
     normals, _, variances, _ = kernels.local_planes(points, radius, threads)
-    on_line = _on_line(variances, noise)
+    on_line, gap = _on_line(variances, noise), 0.0
     for _ in range(WIDENINGS):
         if on_line.mean() < LINES:
             break
         radius *= WIDER
-        spacing = radius / options.neighbour_spacings
+        gap = radius / options.neighbour_spacings
         wider, _, variances, _ = kernels.local_planes(points, radius, threads)
         told = on_line & ~_on_line(variances, noise)
         normals[told] = wider[told]
         on_line &= ~told
-    return np.asarray(normals), spacing
+    return np.asarray(normals), gap
 
 
 def _on_line(variances: Float, noise: float) -> NDArray[np.bool_]:
@@ -234,12 +236,10 @@ def _on_line(variances: Float, noise: float) -> NDArray[np.bool_]:
     return np.asarray(variances[:, 1] - noise**2 < ON_LINE * variances[:, 2])
 
 
-def depth_pixel(spacing: float, options: ObservationOptions) -> float:
-    """Return the pixel of the depth image of points of this `spacing` to the sixth neighbour.
-
-    Each point covers the pixels within one of it; of points at random, 1 in 100 pixels is left empty by this.
-    """
-    return max(options.depth_pixel, 0.72 * spacing)
+def depth_pixel(gap: float, options: ObservationOptions) -> float:
+    """Return the pixel of the depth image of points on scan lines so far apart: each point covers those within one of
+    it. Where points are sparse but on no lines, small pixels tell more."""
+    return max(options.depth_pixel, LINE_PIXEL * gap)
 
 
 def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> tuple[Float, NDArray[np.int32]]:
