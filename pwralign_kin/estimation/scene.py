@@ -121,8 +121,8 @@ def surroundings_of(
     if len(points) < options.region_points:
         return found
     area = _areas(preparation.sixth_neighbour(points, threads))
-    normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
-    tolerance = _tolerance(points, variance, preparation.common_origin(scan, low, diagonal), options)
+    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+    tolerance = _tolerance(points, variances[:, 0], preparation.common_origin(scan, low, diagonal), options)
     shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
     largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
     least_spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
@@ -160,7 +160,7 @@ def observe_scene(
     spacing = preparation.sixth_neighbour(points, threads)
     area = _areas(spacing)
     near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
-    normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
+    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
     spread = max(
         float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
         for s in surfaces
@@ -168,7 +168,7 @@ def observe_scene(
     )
     least_spread = max(options.plane_wider * spread, options.plane_least)
     least_area = options.plane_area * max(s.area for s in surfaces)
-    tolerance = _tolerance(points, variance, origin, options)
+    tolerance = _tolerance(points, variances[:, 0], origin, options)
     planes = _wide_planes(points, normals, area, tolerance, least_spread, least_area, options)
     if surroundings is not None:
         planes[cell[surroundings]] = True
@@ -209,7 +209,7 @@ def _observed(
     searched_cells[kept[region >= 0]] = True
     noise = min(preparation.noise_of(raw[searched_cells[cell]], threads), options.most_noise)
     kept_points = np.ascontiguousarray(points[kept])
-    normals = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
+    normals, gap = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
     normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
     if origin is not None:
         faced = preparation.facing(kept_points, normals, origin, preparing) | (region < 0)
@@ -219,7 +219,7 @@ def _observed(
     field_cell = preparing.field_cell
     while np.prod(np.ptp(kept_points, axis=0) / field_cell + 80) > LARGEST_FIELD:
         field_cell *= 1.2
-    pixel = preparing.depth_pixel
+    pixel = preparation.depth_pixel(gap, preparing)
     if origin is not None:
         # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
         searched = float(np.median(np.linalg.norm(kept_points[region >= 0] - origin, axis=1)))

@@ -30,6 +30,8 @@ CONTRADICTED, WORSE = -0.2, 0.85
 others as a share of that of the median part."""
 BAND = 0.06
 """Distances beyond this (model diagonals) are all the same to the kernels."""
+MOST_REACH = 0.9 * BAND
+"""A point lies on the model nowhere beyond this, however noisy: of all others none would be told to be near it."""
 
 
 @dataclass(frozen=True)
@@ -480,8 +482,8 @@ class TreeSearch:
 
     @property
     def reach(self) -> float:
-        """Distance within which a scan point lies on the model."""
-        return 0.02 + 2 * self.observation.noise
+        """Distance within which a scan point lies on the model, less than the kernels tell of what does not."""
+        return min(MOST_REACH, 0.02 + 2 * self.observation.noise)
 
     @property
     def noise_reach(self) -> float:

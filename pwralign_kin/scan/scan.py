@@ -130,10 +130,10 @@ class Scan:
         """Read a scan file: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, or a scanned mesh (OBJ, STL, GLB, PLY with
         faces).
 
-        Meshes are sampled uniformly by area with a fixed seed. `sensor_origin` (3,) or (n, 3), in the unit of
-        the file, overrides one in the file. `units` is the unit of the file, converted to m; "auto" keeps the
-        numbers as they are, because only beside a model can the unit be told: pass the scan on to
-        `check_units`.
+        Meshes are sampled uniformly by area with a fixed seed; coarse ones give their vertices. `sensor_origin`
+        (3,) or (n, 3), in the unit of the file, overrides one in the file. `units` is the unit of the file,
+        converted to m; "auto" keeps the numbers as they are, because only beside a model can the unit be told:
+        pass the scan on to `check_units`.
 
         Raises `ScanError` naming the file and the cause.
         """
@@ -215,6 +215,10 @@ class Scan:
         """Return the scan with all lengths multiplied by `factor`; it loses its depth camera."""
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
         return self._derived(np.arange(len(self.points)), factor * self.points, origin)
+
+    def without_sensor_origin(self) -> Scan:
+        """Return the scan without saying where it was seen from; it loses its depth camera."""
+        return self._derived(np.arange(len(self.points)), self.points, None)
 
     def cropped(self, lower: ArrayLike, upper: ArrayLike) -> Scan:
         """Return the points within the axis-aligned box from `lower` (3,) to `upper` (3,), m, scan frame.
