@@ -14,6 +14,7 @@ from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.likelihood import log_likelihoods
+from pwralign_kin.estimation.mending import mended
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 
@@ -43,10 +44,12 @@ def contested(
     search = solver.search
     if search.observation.scene or search.known.held:
         return None
-    rivals = _across_limits(solver, final)
-    if evidence.distinct < DISTINCT:
-        rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
-    won = _better(search, final, rivals)
+    won = mended(solver.model, search, final)
+    if won is None:
+        rivals = _across_limits(solver, final)
+        if evidence.distinct < DISTINCT:
+            rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
+        won = _better(search, final, rivals)
     if won is None:
         won = _likelier(solver, final, finished, equal)
     return None if won is None else Candidates.concatenate([won, finished])
