@@ -10,12 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import point_likelihoods, ranks
+from pwralign_kin.estimation.answer_search import SAMPLING, finest, point_likelihoods, ranked, ranks
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
 
 Ints = NDArray[np.int64]
 
@@ -25,7 +26,12 @@ how much of each point on average, for the part to be off them."""
 PARTS, ROUNDS = 2, 6
 """Parts that are mended at a time, those first that are most off their points, and times in a row, ..."""
 GAIN = 0.002
-"""... as long as the scores that answers are ranked by gain this."""
+"""... as long as the scores that answers are ranked by gain this, ..."""
+MOSTLY = 0.5
+"""... and the likelihood of all points this share of what that of the part's own is less."""
+BENT = 1.5
+"""How many times as far from an answer as noise explains the points may be: farther in bent scans, where parts lie off
+their points in the right answer too."""
 UP = 2
 """How many parts with surface farther up a limb is cut and held otherwise."""
 WAYS, HELD, SWEPT, REFINED = 8, 12, 3, 24
@@ -38,37 +44,43 @@ APART = 0.015
 def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> Candidates | None:
     """Return a better configuration than `answer` (one), with other values in limbs that lie off their points.
 
-    None if no part does, or none is found.
+    None if no part does, or none is found, and in a bent scan.
     """
+    if search.residual(answer) > BENT * np.hypot(search.observation.noise, SAMPLING):
+        return None
     mender = _Mender(model, search)
     found = None
     for _ in range(ROUNDS):
-        off = off_points(search, answer)[:PARTS]
-        if len(off) == 0:
+        parts, less = off_points(search, answer)
+        if len(parts) == 0:
             break
         # What refinement alone would gain is no merit of a repair.
-        start = answer if found is not None else refined_both_ways(search, answer)
-        tried = refined_both_ways(search, Candidates.concatenate([mender.ways_of(answer, int(part)) for part in off]))
-        several = Candidates.concatenate([start, tried])
-        scores = ranks(search, several)
-        best = int(np.argmax(scores))
-        if scores[best] < scores[: len(start)].max() + GAIN:
+        start = ranked(search, answer if found is not None else refined_both_ways(search, answer)).take([0])
+        tried = [start]
+        for part in parts[:PARTS]:
+            tried.append(refined_both_ways(search, mender.ways_of(answer, int(part))))
+        several = Candidates.concatenate(tried)
+        scores, likelihoods = ranks(search, several), finest(search, several) * len(search.observation.given)
+        needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
+        likely = np.flatnonzero(likelihoods >= likelihoods[0] + needed)
+        best = likely[np.argmax(scores[likely])]
+        if scores[best] < scores[0] + GAIN:
             break
         found = answer = Candidates(several.bases, several.values, scores).take([best])
     return found
 
 
-def off_points(search: TreeSearch, answer: Candidates) -> Ints:
-    """Return the parts whose points lie off them more than the points of others, the worst first."""
+def off_points(search: TreeSearch, answer: Candidates) -> tuple[Ints, Array]:
+    """Return the parts whose points lie off them more than the points of others, the worst first, and by how much the
+    logarithm of the likelihood of their points is less than that of as many usual ones."""
     likelihoods, part = point_likelihoods(search, answer)
     count = len(search.exists)
     points = np.bincount(part[part >= 0], minlength=count)
     each = np.bincount(part[part >= 0], likelihoods[part >= 0], count) / np.maximum(points, 1)
-    if not points.any():
-        return np.zeros(0, int)
-    less = np.median(each[points > 0]) - each
+    less = np.median(each[points > 0]) - each if points.any() else np.zeros(count)
     off = 1 + np.flatnonzero(((less > LESS_EACH) & (less * points > LESS))[1:])  # the first part hangs on nothing
-    return off[np.argsort(-(less * points)[off], kind="stable")]
+    off = off[np.argsort(-(less * points)[off], kind="stable")]
+    return off, (less * points)[off]
 
 
 class _Mender:
@@ -88,7 +100,7 @@ class _Mender:
 
     def _held_otherwise(self, answer: Candidates, part: int) -> Candidates:
         """Return the answer, and others in which a limb that ends with `part`, or begins with it, is held otherwise."""
-        found, lower, toward = [answer], part, part
+        found, lower, onward = [answer], part, np.flatnonzero(self.search.parent == part).tolist()
         for _ in range(UP + 1):
             above, cut = self._above(lower)
             if above < 0:
@@ -96,8 +108,8 @@ class _Mender:
             found.append(self._regrown(answer, above, cut))
             if lower in self.chains:
                 turned = self._turned(answer, lower, self.chains[lower])
-                found.append(turned if lower == part else self._regrown(turned, lower, toward))
-            lower, toward = above, cut
+                found += [turned, *(self._regrown(turned, lower, below) for below in onward)]
+            lower, onward = above, [cut]
         return Candidates.concatenate(found)
 
     def _above(self, part: int) -> tuple[int, int]:
