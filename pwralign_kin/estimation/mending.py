@@ -34,7 +34,7 @@ BENT = 1.5
 their points in the right answer too."""
 UP = 2
 """How many parts with surface farther up a limb is cut and held otherwise."""
-WAYS, HELD, SWEPT, REFINED = 8, 12, 3, 24
+WAYS, HELD, SWEPT, REFINED = 8, 16, 3, 32
 """Ways in which what is cut is grown anew, how many of all ways to hold a part its own joints are swept in, values that
 each sweep keeps, and how many configurations are refined."""
 APART = 0.015
@@ -56,9 +56,7 @@ def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> C
             break
         # What refinement alone would gain is no merit of a repair.
         start = ranked(search, answer if found is not None else refined_both_ways(search, answer)).take([0])
-        tried = [start]
-        for part in parts[:PARTS]:
-            tried.append(refined_both_ways(search, mender.ways_of(answer, int(part))))
+        tried = [start, *(refined_both_ways(search, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
         several = Candidates.concatenate(tried)
         scores, likelihoods = ranks(search, several), finest(search, several) * len(search.observation.given)
         needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
