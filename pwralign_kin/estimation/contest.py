@@ -36,7 +36,8 @@ GAP = float(np.radians(90.0))
 def contested(
     solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
 ) -> Candidates | None:
-    """Return the answers that the search `finished` with behind a better one, if a rival of `final` (one) is better.
+    """Return the answers that the search `finished` with behind a better one, if `final` (one) can be mended, or a rival
+    of it is better.
 
     `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
     such rival, and in a scene, where most points are of other things.
@@ -44,14 +45,15 @@ def contested(
     search = solver.search
     if search.observation.scene or search.known.held:
         return None
-    won = mended(solver.model, search, final)
-    if won is None:
-        rivals = _across_limits(solver, final)
-        if evidence.distinct < DISTINCT:
-            rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
-        won = _better(search, final, rivals)
+    better = mended(solver.model, search, final)
+    final = final if better is None else better  # which has its rivals too
+    rivals = _across_limits(solver, final)
+    if evidence.distinct < DISTINCT:
+        rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
+    won = _better(search, final, rivals)
     if won is None:
         won = _likelier(solver, final, finished, equal)
+    won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
 
 
