@@ -36,8 +36,7 @@ GAP = float(np.radians(90.0))
 def contested(
     solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
 ) -> Candidates | None:
-    """Return the answers that the search `finished` with behind a better one, if `final` (one) can be mended, or a rival
-    of it is better.
+    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
 
     `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
     such rival, and in a scene, where most points are of other things.
