@@ -18,6 +18,7 @@ from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
+from pwralign_kin.estimation.scene import close_up
 from pwralign_kin.estimation.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -215,8 +216,8 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int, search: TreeSearch) -> Candidates:
-        """Search a scan of the model."""
+    def _once(self, seed: int, search: TreeSearch, start: Candidates | None = None) -> Candidates:
+        """Search a scan of the model, and about a configuration to start from."""
         with self.watch.stage("hypotheses"):
             hypotheses = self._hypotheses(seed)
             if len(hypotheses.parts) == 0:
@@ -228,6 +229,8 @@ class AnswerSearch:
                 grown = Candidates.concatenate([from_base, grown])
         with self.watch.stage("refinement"):
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
+            if start is not None:
+                kept = Candidates.concatenate([start, kept])
             refined = search.scored(search.refined(kept))[0]
         with self.watch.stage("repair"):
             return self._narrowly_repaired(search, refined, turn=True)
@@ -264,13 +267,27 @@ class AnswerSearch:
         left, several = self._distinct([priced(search, candidates)]), []
         for _ in range(options.finalists):
             focused = search.about(left.take([0]), options.focus)
-            solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
+            started = Candidates.concatenate([left, self._closely(focused, left.take([0]))])
+            solutions = self._repaired(focused, focused.scored(started)[0], turn=True)
             several.append(priced(search, search.scored(solutions)[0]).best_first())
             best = several[-1].take([0])
             left = unlike(search, left, [best], options.apart)
             if len(left) == 0 or self._is_convincing(best) or self._is_sound(several[-1]):
                 break
         return self._distinct(several)
+
+    def _closely(self, focused: TreeSearch, candidate: Candidates) -> Candidates:
+        """Return what a search finds that takes the `focused` points of a scene for a scan of the model alone.
+
+        Among so much less, more hypotheses are about the model, and all that is near it should be explained.
+        """
+        options = self.options
+        view = close_up(
+            self.search.observation, focused.searched, options.observation, options.scene, self.search.threads
+        )
+        search = self.search.of(view)
+        closely = AnswerSearch(self.model, search, options, self.correspondences, Stopwatch(self.watch.progress))
+        return closely._once(options.seed, search, candidate)
 
     def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         """Repair with small beams, and with wide ones where much of the scan is still unexplained."""

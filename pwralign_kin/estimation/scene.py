@@ -240,6 +240,34 @@ def _observed(
     )  # fmt: skip
 
 
+def close_up(
+    scene: Observation, chosen: Bools, preparing: ObservationOptions, options: SceneOptions, threads: int
+) -> Observation:
+    """Return the `chosen` points (m,) of a scene as a scan of the model alone, of which the scene still tells hidden
+    from free space."""
+    points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
+    count = len(points)
+    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    origin = scene.sensor_origin
+    pixel = preparing.depth_pixel
+    if origin is not None:
+        searched = float(np.median(np.linalg.norm(points - origin, axis=1)))
+        pixel *= float(np.linalg.norm(scene.raw.mean(axis=0) - origin)) / searched
+    field = kernels.ScanField(
+        points, normals, weights, areas, regions, preparing.field_cell, preparing.field_truncation,
+        [] if origin is None else [float(v) for v in origin],
+        scene.raw if origin is not None else np.zeros((0, 3), np.float32),
+        pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
+    )  # fmt: skip
+    nearest = scene.field.nearest(scene.given)
+    mine = (nearest >= 0) & chosen[nearest]
+    spacing = float(np.median(preparation.sixth_neighbour(points, threads)))
+    return Observation(
+        points, normals, scene.raw, scene.given[mine], scene.given_normals[mine], weights, areas, regions, False,
+        spacing, scene.noise, origin, field, scene.centre, scene.diagonal,
+    )  # fmt: skip
+
+
 def _areas(spacing: Float) -> Float:
     """Return the surface that each point stands for, by its distance to its sixth neighbour."""
     return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)

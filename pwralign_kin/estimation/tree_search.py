@@ -198,6 +198,12 @@ class TreeSearch:
             return self
         return self._with(replace(self.options, scene_points=self.options.near_points), near)
 
+    def of(self, observation: Observation) -> TreeSearch:
+        """Return the same search of another observation about the same centre."""
+        return TreeSearch(
+            self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known
+        )
+
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
         return TreeSearch(
             self.model, self.surfaces, self.observation, self.neutral, options, self.threads, self.known, searched
