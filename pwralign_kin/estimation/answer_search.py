@@ -262,13 +262,15 @@ class AnswerSearch:
         return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
-        """Repair the best candidates of a scene, each with what is about it, until one is convincing or sound."""
+        """Look closely at the best candidates of a scene and repair what is found, one by one, until one is convincing
+        or sound."""
         search, options = self.search, self.options.scene_search
+        short = replace(self.repairing, rounds=options.rounds)
         left, several = self._distinct([priced(search, candidates)]), []
-        for _ in range(options.finalists):
+        for _ in range(max(1, round(options.finalists * search.effort))):
             focused = search.about(left.take([0]), options.focus)
             started = Candidates.concatenate([left, self._closely(focused, left.take([0]))])
-            solutions = self._repaired(focused, focused.scored(started)[0], turn=True)
+            solutions = repair(focused, focused.scored(started)[0], short, turn=False)
             several.append(priced(search, search.scored(solutions)[0]).best_first())
             best = several[-1].take([0])
             left = unlike(search, left, [best], options.apart)
@@ -288,10 +290,6 @@ class AnswerSearch:
         search = self.search.of(view)
         closely = AnswerSearch(self.model, search, options, self.correspondences, Stopwatch(self.watch.progress))
         return closely._once(options.seed, search, candidate)
-
-    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        return self._widely_repaired(search, self._narrowly_repaired(search, candidates, turn=turn))
 
     def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))

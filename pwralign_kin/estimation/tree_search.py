@@ -286,6 +286,11 @@ class TreeSearch:
         return len(self.exists) > self.options.many_parts
 
     @property
+    def effort(self) -> float:
+        """Share of what is tried for a model of few parts: time grows with the number of parts."""
+        return min(1.0, self.options.many_parts / len(self.exists))
+
+    @property
     def _per_part(self) -> int:
         if self.observation.scene:
             return self.options.scene_hypotheses_per_part
