@@ -239,7 +239,7 @@ class AnswerSearch:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
         options = self.options.scene_search
         regions = RegionSearch(
-            self.search, options, self.repairing, self.near, pairs="pairs" in self.options.sources,
+            self.search, options, self.near, pairs="pairs" in self.options.sources,
             faces=self.options.faces if "faces" in self.options.sources else None,
         )  # fmt: skip
         several: list[Candidates] = []
@@ -255,7 +255,6 @@ class AnswerSearch:
             if len(left):
                 with self.watch.stage("repair"):
                     answers.append(self._repaired_one_by_one(left))
-                regions.repaired.append(answers[-1])
             best = self._distinct(answers)
             if self._is_sound(best):
                 break

@@ -200,9 +200,7 @@ class TreeSearch:
 
     def of(self, observation: Observation) -> TreeSearch:
         """Return the same search of another observation about the same centre."""
-        return TreeSearch(
-            self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known
-        )
+        return TreeSearch(self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known)
 
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
         return TreeSearch(
