@@ -57,14 +57,16 @@ class SceneSearchOptions:
     """... so many of each region, ..."""
     kept_by_coverage: int = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
-    finalists: int = 3
+    leaders: int = 8
     """Configurations that are looked at closely, until one is convincing, ..."""
     apart: float = 0.1
     """... their surfaces farther than this from each other, ..."""
     focus: float = 0.35
-    """... with the points this near (model diagonals) to each of them, ..."""
+    """... with the points this near (model diagonals) to each of them."""
+    finalists: int = 2
+    """Looks, the best, whose answers are repaired, until one is convincing or sound, ..."""
     rounds: int = 2
-    """... and rounds of repair that what is found gets in the scene."""
+    """... and rounds of repair that they get in the scene after that."""
 
     def scaled(self, factor: float) -> SceneSearchOptions:
         """Return the same with `factor` times the budgets that the regions share."""
