@@ -291,7 +291,8 @@ class AnswerSearch:
         for look in looks[: max(1, round(options.finalists * search.effort))]:
             repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
             solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
-            several.append(priced(search, search.scored(solutions)[0]).best_first())
+            # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
+            several.append(self._distinct([look.best, priced(search, search.scored(solutions)[0])]))
             if self._is_convincing(several[-1].take([0])) or self._is_sound(several[-1]):
                 break
         return self._distinct(several)
