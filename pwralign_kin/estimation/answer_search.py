@@ -503,6 +503,18 @@ def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
         return np.zeros(len(candidates), np.float32)  # most of it is other things
     placements = search.part_placements(candidates)
     distances = search.distances(search.observation.given, placements, search.exists, FINEST_REACH)
+    return np.asarray(_log_likelihoods(search, distances, distances[0]).mean(axis=1), np.float32)
+
+
+def point_likelihoods(search: TreeSearch, candidate: Candidates) -> tuple[Float, NDArray[np.int32]]:
+    """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
+    that it is nearest to."""
+    placements = search.part_placements(candidate)[0]
+    distances, part = search.assigned(search.observation.given, placements, search.exists, FINEST_REACH)
+    return _log_likelihoods(search, distances, distances), part
+
+
+def _log_likelihoods(search: TreeSearch, distances: Float, of_best: Float) -> Float:
     # The noise counts, and what a bent scan leaves beside it.
-    noise = np.hypot(max(search.observation.noise, search.residual_of(distances[0])), SAMPLING)
-    return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE).mean(axis=1), np.float32)
+    noise = np.hypot(max(search.observation.noise, search.residual_of(of_best)), SAMPLING)
+    return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -14,6 +14,7 @@ from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.likelihood import log_likelihoods
+from pwralign_kin.estimation.mending import mended
 from pwralign_kin.estimation.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.tree_search import TreeSearch
 
@@ -35,7 +36,7 @@ GAP = float(np.radians(90.0))
 def contested(
     solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
 ) -> Candidates | None:
-    """Return the answers that the search `finished` with behind a better one, if a rival of `final` (one) is better.
+    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
 
     `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
     such rival, and in a scene, where most points are of other things.
@@ -43,12 +44,15 @@ def contested(
     search = solver.search
     if search.observation.scene or search.known.held:
         return None
+    better = mended(solver.model, search, final)
+    final = final if better is None else better  # which has its rivals too
     rivals = _across_limits(solver, final)
     if evidence.distinct < DISTINCT:
         rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
     won = _better(search, final, rivals)
     if won is None:
         won = _likelier(solver, final, finished, equal)
+    won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
 
 
@@ -76,7 +80,8 @@ def _likelier(
     several = Candidates.concatenate([known, near])
     in_order = Candidates(several.bases, several.values, -np.arange(len(several), dtype=np.float32))
     distinct = search.distinct(in_order, len(several), search.options.distinct)
-    rivals = distinct.take(distinct.scores <= -len(known)).take(slice(TIES))
+    order = np.rint(-distinct.scores).astype(np.int64) - len(known)
+    rivals = near.take(order[order >= 0][:TIES])
     if len(rivals) == 0:
         return None
     together = Candidates.concatenate([final, rivals])

@@ -19,7 +19,7 @@ from pwralign_kin.estimation.evidence import Evidence, gathered
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.likelihood import likeliest
 from pwralign_kin.estimation.observability import Doubt, doubted
-from pwralign_kin.estimation.observation import Observation, observe, was_prepared, without_far_points
+from pwralign_kin.estimation.observation import Observation, observe, seen_through, was_prepared, without_far_points
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.prior import JOINT_REACH
 from pwralign_kin.estimation.reporting import reported
@@ -38,6 +38,11 @@ from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
+SEEN_THROUGH = 0.25
+"""Share of points that others hide from the sensor origin from which the scan was not seen from there: up to 0.23 where
+every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
+BLIND, SIGHTED = 0.1, 0.5
+"""Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 
@@ -96,7 +101,8 @@ class Estimator:
         watch = Stopwatch(self.progress)
         fit = self.fit(scan, initial, correspondences, watch)
         estimate = self._finished(fit, initial)
-        return self._beside_surroundings(fit, estimate, initial, correspondences)
+        estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
+        return self._without_sensor_origin(fit, estimate, initial, correspondences)
 
     def fit(
         self,
@@ -111,6 +117,7 @@ class Estimator:
         Points known to be of the `surroundings` (n,) make the scan a scene.
         """
         watch = watch or Stopwatch(self.progress)
+        scan = self._believed(scan)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
@@ -169,6 +176,37 @@ class Estimator:
             return estimate
         return max(estimate, other, key=lambda answer: soundness(answer.evidence))
 
+    def _believed(self, scan: Scan) -> Scan:
+        """Return the scan without a sensor origin that its points contradict."""
+        hidden = seen_through(scan, self.model.diagonal)
+        if hidden < SEEN_THROUGH:
+            return scan
+        logger.warning(
+            "%s: its sensor origin is not used: from there, %.0f%% of the points are behind others; is it in the frame "
+            "of the scan, and is the scan of one view?",
+            scan.source, 100.0 * hidden,
+        )  # fmt: skip
+        return scan.without_sensor_origin()
+
+    def _without_sensor_origin(
+        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
+    ) -> Estimate:
+        """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and
+        return that answer if it is good: the origin must be wrong."""
+        observation = fit.solver.search.observation
+        if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
+            return estimate
+        scan = fit.scan.without_sensor_origin()
+        other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
+        if soundness(other.evidence) < SIGHTED:
+            return estimate
+        logger.warning(
+            "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
+            "frame of the scan?",
+            scan.source,
+        )
+        return other
+
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
         equal = equal_answers(self.model, fit.solver.search, solution.configuration)
@@ -211,7 +249,7 @@ class Estimator:
         """Raise `ScanError` for hints that lead away from the scan."""
         if self.options.near is None and self.options.region is None:
             return
-        low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+        low, high = scan.box
         extent = f"the scan is from {point_text(low)} to {point_text(high)} m"
         near, region = self.options.near, self.options.region
         if near is not None:

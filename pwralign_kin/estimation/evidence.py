@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.continuation import continued, continued_beside
+from pwralign_kin.estimation.observation import median
 from pwralign_kin.estimation.tree_search import BAND, TreeSearch
 
 LEAST_POINTS = 8
@@ -145,9 +146,9 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
         return 1.0  # other things that touch the model count as points of its parts
     placements = search.part_placements(final)[0]
     distance, part = search.assigned(search.observation.given, placements, search.exists, search.reach)
-    all_of = float(np.median(distance[part >= 0])) if (part >= 0).any() else 0.0
+    all_of = median(distance[part >= 0]) if (part >= 0).any() else 0.0
     counts = np.bincount(part[part >= 0], minlength=len(search.exists))
-    each = [float(np.median(distance[part == i])) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
+    each = [median(distance[part == i]) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 
 

@@ -135,7 +135,7 @@ def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int,
     hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
     if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
         return base, values
-    likelihood = finest(search, choices) * len(search.observation.given)
-    if likelihood[best] < likelihood[0] - NO_LIKELIHOOD:
+    likelihood = finest(search, choices.take([0, best])) * len(search.observation.given)
+    if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
     return bases[best], moved

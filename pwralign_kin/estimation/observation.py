@@ -27,6 +27,22 @@ FLAT = 1.9
 """... not this much wider (rms) than thick, and then half of the points, ..."""
 FEWEST = 2000
 """... down to this many: noise that hides the surface from the nearest neighbours reaches further than they do."""
+SLENDER, FLAT_LINE = 0.3, 0.1
+"""The nearest neighbours lie on a scan line if they spread so little across it, against along it, and so little across
+a plane through it, against across the line (variances)."""
+ON_LINE = 0.12
+"""A neighbourhood is of one scan line if, noise aside, its variance across the line is this share of that along it."""
+LINES = 0.25
+"""Share of neighbourhoods of one scan line from which all are widened until they hold several, ..."""
+WIDER, WIDENINGS = 1.5, 5
+"""... each time by so much, so often at most."""
+LINE_PIXEL = 0.72
+"""Pixel of the depth image that leaves no space between scan lines empty, as a share of their distance."""
+HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, HIDING_RANGE = 20000, 0.02, 0.06, 0.2
+"""Points of which it is told whether they hide each other, pixels that they then share (model diagonals, at their usual
+range, or this if it is less), and how far apart in depth."""
+LEAST_FACING = 0.5
+"""Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
 """Occupied cells of the downsampling below which a scan cannot be of the model."""
 LEAST_BESIDE = 0.02
@@ -140,7 +156,7 @@ class Observation:
 
 def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: int) -> Observation:
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
-    centre = np.asarray(scan.points.mean(axis=0))
+    centre = np.array([coordinate.mean() for coordinate in scan.points.T])
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
     origin = common_origin(scan, centre, diagonal)
@@ -156,7 +172,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
             raise ScanError(scan.source, f"it is of a plane wider than the model, and beside that fills only {few}")
     points, spacing = _without_strays(points, options, threads)
     noise = noise_of(at_most(raw, options.most_raw), threads)
-    normals = normals_of(points, noise, spacing, options, threads)
+    normals, gap = normals_of(points, noise, spacing, options, threads)
     normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
     if origin is not None:
         faced = facing(points, normals, origin, options)
@@ -167,7 +183,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        options.depth_pixel, options.depth_tolerance, options.shadow, 1.0, threads,
+        depth_pixel(gap, options), options.depth_tolerance, options.shadow, 1.0, threads,
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
@@ -187,7 +203,7 @@ def without_far_points(scan: Scan, reach: float) -> Scan:
 
     One point without depth, put where the sensor or the origin of the map is, would widen the scan beyond all bounds.
     """
-    if (np.ptp(scan.points, axis=0) <= reach).all():
+    if (scan.extent <= reach).all():
         return scan
     low, high = bulk(scan)
     if ((scan.points >= low - reach) & (scan.points <= high + reach)).all():
@@ -195,10 +211,43 @@ def without_far_points(scan: Scan, reach: float) -> Scan:
     return scan.cropped(low - reach, high + reach)
 
 
-def normals_of(points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int) -> Float:
-    """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing."""
+def median(values: NDArray[Any]) -> float:
+    """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for NaNs first."""
+    middle = len(values) // 2
+    ordered = np.partition(values, middle)
+    below = ordered[middle] if len(values) % 2 else ordered[:middle].max()
+    return float(below + ordered[middle]) / 2.0
+
+
+def normals_of(
+    points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int
+) -> tuple[Float, float]:
+    """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing; and how far
+    apart scan lines are, where a spinning sensor leaves many points' spacings between them, else 0."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
-    return np.asarray(kernels.local_planes(points, radius, threads)[0])
+    normals, _, variances, _ = kernels.local_planes(points, radius, threads)
+    on_line, gap = _on_line(variances, noise), 0.0
+    for _ in range(WIDENINGS):
+        if on_line.mean() < LINES:
+            break
+        radius *= WIDER
+        gap = radius / options.neighbour_spacings
+        wider, _, variances, _ = kernels.local_planes(points, radius, threads)
+        told = on_line & ~_on_line(variances, noise)
+        normals[told] = wider[told]
+        on_line &= ~told
+    return np.asarray(normals), gap
+
+
+def _on_line(variances: Float, noise: float) -> NDArray[np.bool_]:
+    """Return which neighbourhoods with these `variances` (n, 3) are of one scan line, which noise widens."""
+    return np.asarray(variances[:, 1] - noise**2 < ON_LINE * variances[:, 2])
+
+
+def depth_pixel(gap: float, options: ObservationOptions) -> float:
+    """Return the pixel of the depth image of points on scan lines so far apart: each point covers those within one of
+    it. Where points are sparse but on no lines, small pixels tell more."""
+    return max(options.depth_pixel, LINE_PIXEL * gap)
 
 
 def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> tuple[Float, NDArray[np.int32]]:
@@ -206,7 +255,7 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
 
     Raises `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres).
     """
-    extent = np.ptp(raw, axis=0)
+    extent = scan.extent / diagonal
     means, cell = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
     if extent.max() < MOST_EXTENT:
         means, _, cell = kernels.voxel_means(raw, options.voxel)
@@ -269,36 +318,43 @@ def noise_of(points: Float, threads: int) -> float:
 
     The scatter about planes through the k nearest neighbours is that of the noise, and of the surface's curvature,
     which grows with the square of the neighbourhood's area: a line through the variances over k squared tells the two
-    apart, down to scans so sparse that no neighbourhood is flat.
+    apart, down to scans so sparse that no neighbourhood is flat. Neighbours of one scan line tell nothing about planes
+    through it, which hold the rays of a spinning sensor, but the same about the line.
     """
     if len(points) < 2 * NEIGHBOURS.max():
         return 0.0
     while True:
         chosen = np.random.default_rng(0).choice(len(points), min(NEIGHBOURHOODS, len(points)), replace=False)
         for counts in (NEIGHBOURS, 2 * NEIGHBOURS):
-            across, along = _variances(points, np.ascontiguousarray(points[chosen]), counts, threads)
+            across, along, slender = _variances(points, np.ascontiguousarray(points[chosen]), counts, threads)
+            if slender < SLENDER and across[0] < FLAT_LINE * along[0]:
+                return _without_curvature(counts, along, 4)
             if along[0] > FLAT**2 * across[0]:
-                return _without_curvature(counts, across)
+                return _without_curvature(counts, across, 2)
         if len(points) < 2 * FEWEST:
-            return _without_curvature(counts, across)
+            return _without_curvature(counts, across, 2)
         # Where the nearest neighbours lie within the noise, fewer points show the surface.
         points = at_most(points, len(points) // 2)
 
 
-def _without_curvature(counts: NDArray[np.int64], across: Array) -> float:
-    """Return the standard deviation that variances across planes through `counts` neighbours tend to at none."""
-    terms = np.stack([np.ones(len(counts)), counts**2], axis=1)
+def _without_curvature(counts: NDArray[np.int64], across: Array, power: int) -> float:
+    """Return the standard deviation that variances across planes or lines through `counts` neighbours tend to at none,
+    as curvature grows with a `power` of the counts."""
+    terms = np.stack([np.ones(len(counts)), counts**power], axis=1)
     # Each variance is known to the same relative accuracy.
     scale = 1.0 / np.maximum(across, 1e-18)
     (variance, _), *_ = np.linalg.lstsq(terms * scale[:, None], np.ones(len(counts)), rcond=None)
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array]:
-    """Return per count of neighbours the median variances across and along planes through so many about `chosen`."""
-    thin, wide = np.median(kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads), axis=-1).T
+def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array, float]:
+    """Return per count of neighbours the median variances across and along planes through so many about `chosen`, and
+    the median share of the latter, of the fewest, in the variance at right angles to both."""
+    variances = kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads)
+    thin, wide = np.array([[median(own) for own in both[:2]] for both in variances]).T
+    slender = median(variances[0, 1] / np.maximum(variances[0, 2], 1e-18))
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
-    return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide
+    return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide, slender
 
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
@@ -337,11 +393,34 @@ def wide_plane(
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
 
 
+def seen_through(scan: Scan, diagonal: float) -> float:
+    """Return the share of points that others hide from the scan's sensor origin, if all share one.
+
+    At depth edges, where pixels see both sides or mix them, some always are.
+    """
+    points = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE)
+    origin = common_origin(scan, np.zeros(3), diagonal)
+    if origin is None or scan.camera is not None:
+        return 0.0
+    rays = points - origin
+    ranges = np.linalg.norm(rays, axis=1)
+    pixel = HIDING_PIXEL / max(float(np.median(ranges)), HIDING_RANGE)
+    directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
+    cell = kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
+    nearest = np.full(cell.max() + 1, np.inf)
+    np.minimum.at(nearest, cell, ranges)
+    return float((ranges > nearest[cell] + HIDING_DEPTH).mean())
+
+
 def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:
-    """Return which points face the sensor; the others are mostly mixed pixels between an edge and what lies behind."""
+    """Return which points face the sensor; the others are mostly mixed pixels between an edge and what lies behind.
+
+    If it seems to be most of them, the scan is too sparse for normals, and all are kept.
+    """
     rays = origin - points
     along = np.einsum("ij,ij->i", normals, rays)
-    return np.asarray(along > options.grazing * np.linalg.norm(rays, axis=1))
+    faced = along > options.grazing * np.linalg.norm(rays, axis=1)
+    return np.asarray(faced | (faced.mean() < LEAST_FACING))
 
 
 def sixth_neighbour(points: Float, threads: int) -> Float:
@@ -354,10 +433,10 @@ def _without_strays(points: Float, options: ObservationOptions, threads: int) ->
     if len(points) < 8:
         return points, options.voxel
     sixth = sixth_neighbour(points, threads)
-    kept = sixth < max(options.stray_distance, options.stray_spacings * float(np.median(sixth)))
+    kept = sixth < max(options.stray_distance, options.stray_spacings * median(sixth))
     if kept.sum() > 50:
         points, sixth = points[kept], sixth[kept]
-    return np.ascontiguousarray(points), float(np.median(sixth))
+    return np.ascontiguousarray(points), median(sixth)
 
 
 def oriented_normals(

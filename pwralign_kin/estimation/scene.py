@@ -91,7 +91,7 @@ def is_scene(
 ) -> bool:
     """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
-    low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+    low, high = scan.box
     widest = (options.reaches_unseen if origin is None else options.reaches) * reach
     if np.linalg.norm(high - low) > widest and np.linalg.norm(np.subtract(*preparation.bulk(scan))) > widest:
         return True
@@ -121,8 +121,8 @@ def surroundings_of(
     if len(points) < options.region_points:
         return found
     area = _areas(preparation.sixth_neighbour(points, threads))
-    normals, _, variance, _ = kernels.local_planes(points, options.normal_radius, threads)
-    tolerance = _tolerance(points, variance, preparation.common_origin(scan, low, diagonal), options)
+    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+    tolerance = _tolerance(points, variances[:, 0], preparation.common_origin(scan, low, diagonal), options)
     shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
     largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
     least_spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
@@ -223,7 +223,7 @@ class _Cells:
 
 def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOptions, threads: int) -> Bools:
     """Return which cells lie on planes wider than any part of the model."""
-    normals, _, variance, _ = kernels.local_planes(cells.points, options.normal_radius, threads)
+    normals, _, variances, _ = kernels.local_planes(cells.points, options.normal_radius, threads)
     spread = max(
         float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
         for s in surfaces
@@ -231,7 +231,7 @@ def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOption
     )
     least_spread = max(options.plane_wider * spread, options.plane_least)
     least_area = options.plane_area * max(s.area for s in surfaces)
-    tolerance = _tolerance(cells.points, variance, cells.origin, options)
+    tolerance = _tolerance(cells.points, variances[:, 0], cells.origin, options)
     return _wide_planes(cells.points, normals, cells.areas, tolerance, least_spread, least_area, options)
 
 
@@ -249,7 +249,8 @@ def _observed(
     spacing = float(np.median(cells.spacing[kept][region[kept] >= 0]))
     noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
     points = np.ascontiguousarray(cells.points[kept])
-    normals = preparation.normals_of(points, noise, spacing, preparing, threads)
+    normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
+    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(gap, preparing))
     normals = preparation.oriented_normals(
         points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import OrientedPairs
-from pwralign_kin.estimation.observation import ALL_SIDES, ONE_SIDE, Observation
+from pwralign_kin.estimation.observation import ALL_SIDES, ONE_SIDE, Observation, median
 from pwralign_kin.estimation.prior import SearchPrior
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array
@@ -30,6 +30,8 @@ CONTRADICTED, WORSE = -0.2, 0.85
 others as a share of that of the median part."""
 BAND = 0.06
 """Distances beyond this (model diagonals) are all the same to the kernels."""
+MOST_REACH = 0.9 * BAND
+"""A point lies on the model nowhere beyond this, however noisy: of all others none would be told to be near it."""
 
 
 @dataclass(frozen=True)
@@ -456,18 +458,26 @@ class TreeSearch:
         own = np.bincount(owners[owners >= 0], (area * np.ones(len(owners)))[owners >= 0], len(self.exists))
         return np.asarray(own / np.maximum(self.areas * self._usual_share, 1e-9), np.float32)
 
+    def fair_shares(self, owners: Ints) -> Float:
+        """Return the `explained_shares`, at most 1; of what the median part has, where that is more than it should.
+
+        Noise spreads the points of thin parts over more area than they have.
+        """
+        shares = self.explained_shares(owners)
+        fair = max(1.0, float(np.median(shares[self.exists])))
+        return np.asarray(np.minimum(shares / fair, 1.0), np.float32)
+
     def lacking(self, shares: Float) -> NDArray[np.bool_]:
-        """Return which parts (parts,) explain too little of the scan, by their `explained_shares`.
+        """Return which parts (parts,) explain too little of the scan, by their `fair_shares`.
 
         The measure is the average of all parts: a sparse scan shows less of every part.
         """
-        shares = np.minimum(shares, 1.0)
         average = float(shares @ self.weights) / float(self.weights[self.exists].sum())
         return self.exists & (shares <= self.options.lacking * average)
 
     def lacks(self, candidate: Candidates) -> NDArray[np.bool_]:
         """Return which parts (parts,) of one candidate explain too little of the scan."""
-        return self.lacking(self.explained_shares(self.owners(candidate, self.exists)[1]))
+        return self.lacking(self.fair_shares(self.owners(candidate, self.exists)[1]))
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
@@ -481,8 +491,8 @@ class TreeSearch:
 
     @property
     def reach(self) -> float:
-        """Distance within which a scan point lies on the model."""
-        return 0.02 + 2 * self.observation.noise
+        """Distance within which a scan point lies on the model, less than the kernels tell of what does not."""
+        return min(MOST_REACH, 0.02 + 2 * self.observation.noise)
 
     @property
     def noise_reach(self) -> float:
@@ -507,11 +517,3 @@ class TreeSearch:
         several sets of placements (m, parts, 4, 4)."""
         flat = np.ascontiguousarray(placements).reshape(-1, 4, 4)
         return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach))
-
-
-def median(values: Float) -> float:
-    """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for NaNs first."""
-    middle = len(values) // 2
-    ordered = np.partition(values, middle)
-    below = ordered[middle] if len(values) % 2 else ordered[:middle].max()
-    return float(below + ordered[middle]) / 2.0

@@ -59,7 +59,7 @@ def voted(
     points farther from the surface than noise explains are unexplained.
     """
     owners = search.owners(solution, search.exists)[1]
-    share = np.minimum(search.explained_shares(owners), 1.0)
+    share = search.fair_shares(owners)
     lacking = search.lacking(share)
     right = search.exists & ~lacking
     lack = np.where(lacking, search.weights * (1.0 - share), 0.0)

@@ -32,6 +32,8 @@ void Articulated::finish(Surface &s) const {
     s.lane_normals = SplitPoints(s.n.data(), int64_t(s.n.size()), 1);
     s.lane_weights = s.w;
     s.lane_weights.resize(s.w.size() + lane_count, 0.f);
+    s.dense_rows = OrientedRows();
+    for (const OrientedPoint &d : s.dense) s.dense_rows.push(d.p, d.n);
     if (!s.dense.empty()) {
         Vec least = s.dense[0].p, most = least;
         for (const OrientedPoint &d : s.dense) {

@@ -31,7 +31,8 @@ struct Surface {
     Vec centre{0, 0, 0};
     std::vector<Vec> p, n;                     // coarse samples, farthest first: any prefix is a coarse set
     std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
-    std::vector<OrientedPoint> dense;          // samples that the grid refers to
+    std::vector<OrientedPoint> dense;          // samples that the grid refers to, ...
+    OrientedRows dense_rows;                   // ... and once more, for several at a time
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
     float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing
@@ -52,13 +53,22 @@ struct Surface {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
     }
-    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
-    // `aside` is how far beyond its rim the position lies.
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each: `aside`
+    // is how far beyond its rim the position lies.
     float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);
         aside = std::max(0.f, std::sqrt(std::max(0.f, dot(d, d) - plane * plane)) - slack);
-        return aside > 0 ? std::sqrt(plane * plane + aside * aside) : std::abs(plane);
+        return std::sqrt(plane * plane + aside * aside);
+    }
+    // Those of some positions to as many samples.
+    FloatLanes distances_to(const int *samples, const VecLanes &local) const {
+        VecLanes place, normal;
+        dense_rows.gather(samples, place, normal);
+        const VecLanes d = local - place;
+        const FloatLanes plane = dot(d, normal), nothing{};
+        const FloatLanes aside = max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - slack, nothing);
+        return sqrt_lanes(plane * plane + aside * aside);
     }
 };
 

@@ -46,9 +46,9 @@ FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
 // the samples that these name.
 class Offer {
   public:
-    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, std::vector<CloseSample> &close)
+    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, CloseSamples &close)
         : s(s), T(T), points(points), close(close) {
-        if (int64_t(close.size()) < points.size) close.resize(points.size);
+        close.make_room(points.size);
     }
 
     // Look at the points from `block` on, `lane_count` of them.
@@ -58,26 +58,30 @@ class Offer {
         const IntLanes near = first_lanes(int(points.size - block)) & (squared_from_box(s, local) < limit * limit);
         if (!any_lane(near)) return;
         const IntLanes cells = s.cells_at(local);
-        for (int j = 0; j < lane_count; ++j) {
-            if (!near[j] || cells[j] < 0) continue;
+        for_lanes(near & (cells >= 0), [&](int j) {
             __builtin_prefetch(&s.grid[cells[j]]);
-            close[found++] = {int(block) + j, cells[j], {local.x[j], local.y[j], local.z[j]}};
-        }
+            close.point[found] = int(block) + j, close.at[found] = cells[j];
+            close.local.set(found++, {local.x[j], local.y[j], local.z[j]});
+        });
     }
 
     void settle(int part, float *best, int *owner, int *sample) {
         int named = 0;
         for (int c = 0; c < found; ++c) {
-            const uint16_t named_by_cell = s.grid[close[c].at];
+            const uint16_t named_by_cell = s.grid[close.at[c]];
             if (named_by_cell == none) continue;
-            __builtin_prefetch(&s.dense[named_by_cell]);
-            close[named++] = {close[c].point, named_by_cell, close[c].local};
+            s.dense_rows.prefetch(named_by_cell);
+            close.point[named] = close.point[c], close.at[named] = named_by_cell;
+            close.local.set(named++, {close.local.x[c], close.local.y[c], close.local.z[c]});
         }
-        for (int c = 0; c < named; ++c) {
-            float aside;
-            const float distance = s.distance_to(close[c].at, close[c].local, aside);
-            const int i = close[c].point;
-            if (distance < best[i]) best[i] = distance, owner[i] = part, sample[i] = close[c].at;
+        for (int c = 0; c < named; c += lane_count) {
+            const int here = std::min(lane_count, named - c);
+            for (int j = here; j < lane_count; ++j) close.at[c + j] = 0;
+            const FloatLanes distance = s.distances_to(&close.at[c], close.local.at(c));
+            for (int j = 0; j < here; ++j) {
+                const int i = close.point[c + j];
+                if (distance[j] < best[i]) best[i] = distance[j], owner[i] = part, sample[i] = close.at[c + j];
+            }
         }
     }
 
@@ -85,21 +89,21 @@ class Offer {
     const Surface &s;
     const RigidF &T;
     const SplitPoints &points;
-    std::vector<CloseSample> &close;
+    CloseSamples &close;
     int found = 0;
 };
 
 } // namespace
 
 void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
-                int *sample, std::vector<CloseSample> &close) {
+                int *sample, CloseSamples &close) {
     Offer offer(s, T, points, close);
     for (int64_t block = 0; block < points.size; block += lane_count) offer.look(block, best);
     offer.settle(part, best, owner, sample);
 }
 
-void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, float cap, float *best,
-                int *owner, int *sample, std::vector<CloseSample> &close) {
+void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, const uint8_t *balls, float cap,
+                float *best, int *owner, int *sample, CloseSamples &close) {
     constexpr float rounding = 1e-4f;
     Offer offer(s, T, balled.points, close);
     for (int64_t first = 0; first < balled.centres.size; first += lane_count) {
@@ -108,7 +112,7 @@ void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints 
         const IntLanes near = first_lanes(int(balled.centres.size - first)) & (squared_from_box(s, local) < reach * reach);
         if (!any_lane(near)) continue;
         for (int j = 0; j < lane_count; ++j)
-            if (near[j]) offer.look((first + j) * lane_count, best);
+            if (near[j] && (!balls || balls[first + j])) offer.look((first + j) * lane_count, best);
     }
     offer.settle(part, best, owner, sample);
 }

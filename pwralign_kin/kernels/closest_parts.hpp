@@ -4,9 +4,15 @@
 
 namespace pwr {
 
-struct CloseSample {
-    int point, at; // cell of the part's grid, then the sample that it names
-    Vec local;
+// Points that a part may be near to, and what they are near to: memory that is used again.
+struct CloseSamples {
+    std::vector<int> point, at; // at: cell of the part's grid, then the sample that it names
+    SplitPoints local;          // the points in the part's frame
+
+    void make_room(int64_t points) {
+        if (int64_t(at.size()) >= points + lane_count) return;
+        point.resize(points + lane_count), at.resize(points + lane_count), local.make_room(points + lane_count);
+    }
 };
 
 // Points with a ball around every `lane_count` of them, which tells at once that a part is far from all of these.
@@ -24,9 +30,9 @@ struct BalledPoints {
 // Offer a placed part to points: `best` holds the distances to beat, with `lane_count` more behind them that are read;
 // where the part is nearer, `best`, `owner` and `sample` tell. `close` is memory that is used again.
 void offer_part(const Surface &surface, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
-                int *sample, std::vector<CloseSample> &close);
-// The same where no distance to beat is larger than `cap`.
-void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, float cap, float *best,
-                int *owner, int *sample, std::vector<CloseSample> &close);
+                int *sample, CloseSamples &close);
+// The same where no distance to beat is larger than `cap`, of the points in some `balls` only (null: in all).
+void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, const uint8_t *balls,
+                float cap, float *best, int *owner, int *sample, CloseSamples &close);
 
 } // namespace pwr

@@ -2,6 +2,7 @@
 #include "cells.hpp"
 #include "lanes.hpp"
 #include "parallel.hpp"
+#include <array>
 #include <numeric>
 
 namespace pwr {
@@ -27,9 +28,9 @@ std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::
     return means;
 }
 
-// The two lesser eigenvalues, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith, Communications of the
-// ACM 4, 1961).
-static std::pair<double, double> lower_eigenvalues(const double *m) {
+// The eigenvalues in ascending order, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith,
+// Communications of the ACM 4, 1961).
+static std::array<double, 3> eigenvalues(const double *m) {
     const double mean = (m[0] + m[3] + m[5]) / 3, a = m[0] - mean, b = m[3] - mean, c = m[5] - mean;
     const double xy = m[1], xz = m[2], yz = m[4];
     const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
@@ -37,8 +38,8 @@ static std::pair<double, double> lower_eigenvalues(const double *m) {
     const double cosine = determinant / std::max(2 * spread * spread * spread, 1e-300);
     const double angle = std::acos(std::clamp(cosine, -1., 1.)) / 3;
     const double least = mean + 2 * spread * std::cos(angle + 2 * M_PI / 3);
-    const double middle = 3 * mean - least - (mean + 2 * spread * std::cos(angle));
-    return {std::max(least, 0.), std::max(middle, 0.)};
+    const double most = mean + 2 * spread * std::cos(angle), middle = 3 * mean - least - most;
+    return {std::max(least, 0.), std::max(middle, 0.), std::max(most, 0.)};
 }
 
 // The unit eigenvector of such a matrix for its least eigenvalue: at right angles to all rows of what is left without it.
@@ -65,7 +66,7 @@ static Vec least_eigenvector(const double *m, double value) {
 LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads) {
     const Cells cells(points, count, radius);
     LocalPlanes out;
-    out.normal.resize(count), out.mean.resize(count), out.variance.resize(count), out.neighbours.resize(count);
+    out.normal.resize(count), out.mean.resize(count), out.variances.resize(count), out.neighbours.resize(count);
     const int64_t block = 256;
     const float limit = radius * radius;
     parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
@@ -89,10 +90,10 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
             for (int a = 0; a < 3; ++a) s[a] = sum_of_lanes(sums[a]);
             for (int a = 0, k = 0; a < 3; ++a)
                 for (int c = a; c < 3; ++c, ++k) C[k] = sum_of_lanes(products[k]) / double(n) - s[a] / n * s[c] / n;
-            const double thin = lower_eigenvalues(C).first;
+            const auto [thin, wide, longest] = eigenvalues(C);
             out.normal[i] = least_eigenvector(C, thin);
             out.mean[i] = points[i] + Vec{float(s[0] / n), float(s[1] / n), float(s[2] / n)};
-            out.variance[i] = float(thin);
+            out.variances[i] = {float(thin), float(wide), float(longest)};
             out.neighbours[i] = n;
         }
     });
@@ -271,7 +272,7 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
 
 std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,
                                             const std::vector<int> &sizes, int threads) {
-    std::vector<double> out(2 * sizes.size() * asked);
+    std::vector<double> out(3 * sizes.size() * asked);
     if (sizes.empty()) return out;
     const Neighbours near = nearest_neighbours(points, count, queries, asked, sizes.back(), threads);
     const int64_t block = 64;
@@ -290,8 +291,8 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
             double scatter[6];
             for (int a = 0, i = 0; a < 3; ++a)
                 for (int b = a; b < 3; ++b, ++i) scatter[i] = (products[i] - sums[a] * sums[b] / k) / (k - 3);
-            const auto [thin, wide] = lower_eigenvalues(scatter);
-            out[2 * s * asked + q] = thin, out[(2 * s + 1) * asked + q] = wide;
+            const auto variances = eigenvalues(scatter);
+            for (int a = 0; a < 3; ++a) out[(3 * s + a) * asked + q] = variances[a];
         }
     };
     parallel_for((asked + block - 1) / block, threads, [&](int64_t b) {

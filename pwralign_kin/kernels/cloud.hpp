@@ -8,10 +8,10 @@ namespace pwr {
 std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::vector<int> &counts,
                              std::vector<int> &cell_of_point);
 
-// The local plane at each point from its neighbours within `radius`: unit normal, mean, smallest eigenvalue, count.
+// The local plane at each point from its neighbours within `radius`: unit normal, mean, variances in ascending order,
+// count.
 struct LocalPlanes {
-    std::vector<Vec> normal, mean;
-    std::vector<float> variance;
+    std::vector<Vec> normal, mean, variances;
     std::vector<int> neighbours;
 };
 LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads);
@@ -24,9 +24,9 @@ struct Neighbours {
 };
 Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k, int threads);
 
-// Of the neighbourhoods of some of the points, each of the nearest `sizes` (ascending) with the point itself, the two
-// lesser eigenvalues of their scatter over its degrees of freedom: a plane takes three. In the order of sizes, then
-// thin and wide, then queries.
+// Of the neighbourhoods of some of the points, each of the nearest `sizes` (ascending) with the point itself, the
+// eigenvalues (ascending) of their scatter over its degrees of freedom: a plane takes three. In the order of sizes, then
+// eigenvalues, then queries.
 std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,
                                             const std::vector<int> &sizes, int threads);
 

@@ -38,12 +38,18 @@ inline bool any_lane(IntLanes condition) {
 // Call f(lane) for every lane in which the condition holds.
 template <typename F> void for_lanes(IntLanes condition, F &&f) {
 #ifdef __AVX__
-    unsigned bits = unsigned(__builtin_ia32_movmskps256(reinterpret_cast<FloatLanes &>(condition)));
+    FloatLanes signs;
+    std::memcpy(&signs, &condition, sizeof(signs));
+    unsigned bits = unsigned(__builtin_ia32_movmskps256(signs));
 #else
     unsigned bits = 0;
     for (int j = 0; j < lane_count; ++j) bits |= unsigned(condition[j] & 1) << j;
 #endif
     for (; bits; bits &= bits - 1) f(__builtin_ctz(bits));
+}
+inline FloatLanes sqrt_lanes(FloatLanes a) {
+    for (int j = 0; j < lane_count; ++j) a[j] = std::sqrt(a[j]);
+    return a;
 }
 inline float sum_of_lanes(FloatLanes a) {
     float sum = 0;
@@ -60,6 +66,10 @@ inline VecLanes operator-(Vec a, const VecLanes &b) { return {a.x - b.x, a.y - b
 inline VecLanes operator-(const VecLanes &a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 inline FloatLanes dot(const VecLanes &a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline FloatLanes dot(Vec a, const VecLanes &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline VecLanes operator*(FloatLanes s, const VecLanes &a) { return {s * a.x, s * a.y, s * a.z}; }
+inline VecLanes cross(const VecLanes &a, const VecLanes &b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
 inline VecLanes rotate(const RigidF &A, const VecLanes &p) {
     return {A.R[0] * p.x + A.R[1] * p.y + A.R[2] * p.z, A.R[3] * p.x + A.R[4] * p.y + A.R[5] * p.z,
             A.R[6] * p.x + A.R[7] * p.y + A.R[8] * p.z};
@@ -73,6 +83,38 @@ inline VecLanes apply_inverse(const RigidF &A, const VecLanes &p) {
     return {A.R[0] * x + A.R[3] * y + A.R[6] * z, A.R[1] * x + A.R[4] * y + A.R[7] * z,
             A.R[2] * x + A.R[5] * y + A.R[8] * z};
 }
+
+// What eight residuals at a time add to the normal equations of a part (`Normal`, which says what the arguments are).
+// Lanes of weight 0 add nothing.
+class NormalLanes {
+  public:
+    void add_planes(const VecLanes &r, const VecLanes &n, FloatLanes residual, FloatLanes w) {
+        const VecLanes m = cross(r, n);
+        const FloatLanes a[6] = {m.x, m.y, m.z, n.x, n.y, n.z};
+        for (int i = 0, k = 0; i < 6; ++i) {
+            const FloatLanes wa = w * a[i];
+            g[i] += wa * residual;
+            for (int j = i; j < 6; ++j) H[k++] += wa * a[j];
+        }
+    }
+    void add_points(const VecLanes &r, const VecLanes &d, FloatLanes w) {
+        const VecLanes m = cross(r, d), s = w * r;
+        g[0] += w * m.x, g[1] += w * m.y, g[2] += w * m.z, g[3] += w * d.x, g[4] += w * d.y, g[5] += w * d.z;
+        H[0] += s.y * r.y + s.z * r.z, H[6] += s.x * r.x + s.z * r.z, H[11] += s.x * r.x + s.y * r.y;
+        H[1] -= s.x * r.y, H[2] -= s.x * r.z, H[7] -= s.y * r.z;
+        H[4] -= s.z, H[5] += s.y, H[8] += s.z, H[10] -= s.x, H[12] -= s.y, H[13] += s.x;
+        H[15] += w, H[18] += w, H[20] += w;
+    }
+    void add_to(Normal &normal) const {
+        for (int i = 0, k = 0; i < 6; ++i) {
+            normal.g[i] += sum_of_lanes(g[i]);
+            for (int j = i; j < 6; ++j) normal.H[6 * i + j] += sum_of_lanes(H[k++]);
+        }
+    }
+
+  private:
+    FloatLanes H[21] = {}, g[6] = {}; // H: the rows of the upper triangle
+};
 
 // Positions coordinate by coordinate, padded so that `lane_count` may be read from any of them on.
 struct SplitPoints {
@@ -99,8 +141,8 @@ struct SplitPoints {
         size += last - first;
     }
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
-
-  private:
+    // For positions that are not counted, in room made for them.
+    void set(int64_t i, Vec p) { x[i] = p.x, y[i] = p.y, z[i] = p.z; }
     void make_room(int64_t more) {
         if (size + more + lane_count <= int64_t(x.size())) return;
         const size_t most = 2 * size + more + 4 * lane_count;
@@ -115,6 +157,7 @@ class OrientedRows {
         const float row[lane_count] = {point.x, point.y, point.z, normal.x, normal.y, normal.z};
         rows.insert(rows.end(), row, row + lane_count);
     }
+    void prefetch(int index) const { __builtin_prefetch(&rows[size_t(index) * lane_count]); }
     // Those of some indices.
     void gather(const int *index, VecLanes &point, VecLanes &normal) const {
         auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };

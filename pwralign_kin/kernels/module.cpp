@@ -142,7 +142,7 @@ void bind_clouds(nb::module_ &m) {
             nb::gil_scoped_release release;
             planes = local_planes(vectors(points), points.shape(0), radius, threads);
         }
-        return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(std::move(planes.variance)), to_numpy(std::move(planes.neighbours)));
+        return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(planes.variances), to_numpy(std::move(planes.neighbours)));
     }, "points"_a, "radius"_a, "threads"_a);
     m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
         Neighbours near;
@@ -160,7 +160,7 @@ void bind_clouds(nb::module_ &m) {
             nb::gil_scoped_release release;
             variances = neighbourhood_variances(vectors(points), points.shape(0), vectors(queries), queries.shape(0), sizes, threads);
         }
-        return to_numpy(std::move(variances), {sizes.size(), 2, queries.shape(0)});
+        return to_numpy(std::move(variances), {sizes.size(), 3, queries.shape(0)});
     }, "points"_a, "queries"_a, "sizes"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require_cells(points, cell);

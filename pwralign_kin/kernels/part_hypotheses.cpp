@@ -20,8 +20,9 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
             sum += at.w * -penalty;
             continue;
         }
-        FloatLanes trust{};
-        for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
+        FloatLanes trust = all_lanes(1);
+        if (point_weights)
+            for (int j = 0; j < lane_count; ++j) trust[j] = point_weights[at.nearest[j]];
         const FloatLanes match = trust * (1 - at.squared * share) * (.25f + .75f * at.facing);
         const IntLanes seen = field.has_origin ? at.seen > 0 : at.seen == at.seen;
         sum += at.w * (at.squared < limit ? (seen ? match : FloatLanes{}) : -penalty);
@@ -79,28 +80,36 @@ static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec mode
 }
 
 // Score a candidate; most fail on the first few samples already, a third of those on half of them.
-void Search::consider(int part, const Rigid &pose, const float *point_weights,
-                      std::vector<Hypothesis> &candidates) const {
+void Search::consider(int part, const Rigid &pose, const float *point_weights, Pool &pool) const {
     constexpr int fewest_samples = 8, first_samples = 16;
     constexpr float promising = .15f, most_of_sample = .9f;
+    // How much less than the whole surface its first samples may promise: chance hardly makes more.
+    constexpr float fewest_doubt = .5f, first_doubt = .3f;
     const Surface &s = model.surface[part];
     const float distance = 1.3f * options.support_distance;
     const int fewest = s.count(fewest_samples), first = s.count(first_samples), last = s.count(options.sweep_samples);
     const RigidF T = to_float(pose);
     float early = part_score(part, T, 0, fewest, distance, point_weights);
+    if (early < (pool.bar - fewest_doubt) * s.cumulated[fewest]) return;
     const float hoped = early + most_of_sample * (s.cumulated[first] - s.cumulated[fewest]);
     if (hoped < promising * s.cumulated[first]) return;
     early += part_score(part, T, fewest, first, distance, point_weights);
-    if (early < promising * s.cumulated[first] || !prior.reachable(part, pose)) return;
-    candidates.push_back({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
+    if (early < std::max(promising, pool.bar - first_doubt) * s.cumulated[first] || !prior.reachable(part, pose)) return;
+    pool.add({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
 
-std::vector<Hypothesis> Search::best_of(std::vector<Hypothesis> candidates, int keep,
-                                        const float *point_weights) const {
-    constexpr size_t pool = 400;
+void Search::Pool::add(const Hypothesis &candidate) {
+    if (candidate.score <= bar) return;
+    best.push_back(candidate);
+    if (best.size() < 2 * size) return;
+    sort_by_score(best, size);
+    bar = best.back().score;
+}
+
+std::vector<Hypothesis> Search::best_of(Pool pool, int keep, const float *point_weights) const {
     const int refined = std::min(60, 6 * keep);
-    sort_by_score(candidates, pool);
-    candidates = select(candidates, distinct(candidates, refined, .02f));
+    sort_by_score(pool.best, Pool::size);
+    std::vector<Hypothesis> candidates = select(pool.best, distinct(pool.best, refined, .02f));
     for (auto &h : candidates) refine_part(h, 5, point_weights);
     sort_by_score(candidates);
     return select(candidates, distinct(candidates, keep, .03f));
@@ -111,30 +120,31 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
     constexpr int votes_of_pair = 8, partners = 12;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
-    std::vector<Hypothesis> candidates;
-    if (table.pairs.empty() || points.empty()) return candidates;
+    Pool pool;
+    if (table.pairs.empty() || points.empty()) return {};
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
     const int count = int(points.size()), anchor_count = std::min(anchors, count);
     std::vector<int> order = points;
-    for (int a = 0; a < anchor_count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
+    for (int a = 0; a < count; ++a) std::swap(order[a], order[a + random.below(uint32_t(count - a))]);
     // Regions with fewer points than anchors make up for it with more partners.
     const int per_anchor = std::max(1, anchors * partners / std::max(1, anchor_count));
     std::vector<Vec> positions;
-    for (int j : points) positions.push_back(field.points[j].p);
+    for (int j : order) positions.push_back(field.points[j].p);
     const SplitPoints split(positions.data(), count, 1);
-    std::vector<int> near(count + 1);
+    const int blocks = (count + lane_count - 1) / lane_count;
+    std::vector<int> near(per_anchor + lane_count);
     for (int a = 0; a < anchor_count; ++a) {
         const OrientedPoint &p = field.points[order[a]];
-        int found = 0;
-        for (int64_t i = 0; i < count; i += lane_count) {
+        // The points are in random order: the first in range, from anywhere on, are a fair sample of them.
+        int found = 0, block = int(random.below(uint32_t(blocks)));
+        for (int looked = 0; looked < blocks && found < per_anchor; ++looked, block = block + 1 < blocks ? block + 1 : 0) {
+            const int i = block * lane_count;
             const VecLanes d = p.p - split.at(i);
             const FloatLanes squared = dot(d, d);
-            const IntLanes in_range = (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest);
-            if (!any_lane(in_range)) continue;
-            for (int j = 0; j < std::min<int>(lane_count, count - int(i)); ++j) near[found] = points[i + j], found -= in_range[j];
+            for_lanes(first_lanes(count - i) & (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest),
+                      [&](int j) { near[found++] = order[i + j]; });
         }
         for (int b = 0; b < per_anchor && b < found; ++b) {
-            std::swap(near[b], near[b + random.below(uint32_t(found - b))]);
             const OrientedPoint &q = field.points[near[b]];
             float Rs[9], Rm[9];
             if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
@@ -146,11 +156,11 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
                 const uint64_t pair = start[random.below(uint32_t(matches))];
                 const int first = PairTable::first(pair), second = PairTable::second(pair);
                 PairTable::pair_frame(s.n[first], s.p[second] - s.p[first], Rm);
-                consider(part, aligning(Rs, p.p, Rm, s.p[first]), point_weights, candidates);
+                consider(part, aligning(Rs, p.p, Rm, s.p[first]), point_weights, pool);
             }
         }
     }
-    return best_of(std::move(candidates), keep, point_weights);
+    return best_of(std::move(pool), keep, point_weights);
 }
 
 std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::vector<Correspondence> &given,
@@ -158,8 +168,8 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
     constexpr int trials = 20000;
     constexpr float stretch = .02f, bend = .35f;
     const float shortest = model.surface[part].pairs.shortest;
-    std::vector<Hypothesis> candidates;
-    if (given.size() < 2) return candidates;
+    Pool pool;
+    if (given.size() < 2) return {};
     std::vector<double> cumulated{0};
     for (const Correspondence &c : given) cumulated.push_back(cumulated.back() + c.weight);
     Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(part) + 1);
@@ -175,9 +185,13 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
         if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
-        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field.weight.data(), candidates);
+        consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field_weights, pool);
     }
-    return best_of(std::move(candidates), keep, field.weight.data());
+    return best_of(std::move(pool), keep, field_weights);
+}
+
+const float *Search::weights_or_none(const std::vector<float> &weights) {
+    return std::all_of(weights.begin(), weights.end(), [](float w) { return w == 1; }) ? nullptr : weights.data();
 }
 
 std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
@@ -185,8 +199,9 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
                                                 uint64_t seed, int keep,
                                                 const std::vector<float> &point_weights) const {
     std::vector<std::vector<Hypothesis>> found(parts.size());
+    const float *weights = weights_or_none(point_weights);
     parallel_for(int64_t(parts.size()), options.threads, [&](int64_t i) {
-        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, point_weights.data());
+        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, weights);
     });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
@@ -195,7 +210,7 @@ std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
 
 void Search::refine_parts(std::vector<Hypothesis> &hypotheses, int iterations) const {
     parallel_for(int64_t(hypotheses.size()), options.threads,
-                 [&](int64_t i) { refine_part(hypotheses[i], iterations, field.weight.data()); });
+                 [&](int64_t i) { refine_part(hypotheses[i], iterations, field_weights); });
 }
 
 // Point-to-plane ICP of one part against the field, samples of the model towards the scan.
@@ -206,20 +221,19 @@ void Search::refine_part(Hypothesis &h, int iterations, const float *point_weigh
     for (int iteration = 0; iteration < iterations; ++iteration) {
         const RigidF T = to_float(h.T);
         const Vec centre{T.t[0], T.t[1], T.t[2]};
-        Normal normal;
-        for (int i = 0; i < count; ++i) {
-            const Vec x = apply(T, s.p[i]);
-            const int k = field.nearest(x);
-            if (k < 0) continue;
-            const OrientedPoint &q = field.points[k];
-            const float facing = dot(rotate(T, s.n[i]), q.n);
-            const Vec d = q.p - x;
-            const float rest = 1 - dot(d, d) / limit;
-            if (facing < .3f || rest <= 0) continue;
-            const float w = s.w[i] / s.cumulated[count] * rest * rest * facing;
-            normal.add_plane(x - centre, q.n, dot(d, q.n), w);
-            normal.add_point(x - centre, d, .1f * w);
+        NormalLanes pulls;
+        for (int i = 0; i < count; i += lane_count) {
+            const SampleLanes at(field, s, T, i, count);
+            const FloatLanes rest = 1 - at.squared / limit, share = at.w / s.cumulated[count];
+            const IntLanes pulled = at.found & (at.facing >= .3f) & (rest > 0);
+            if (!any_lane(pulled)) continue;
+            const FloatLanes w = pulled ? share * rest * rest * at.facing : FloatLanes{};
+            const VecLanes arm = at.place - centre, pull = Vec{0, 0, 0} - at.away;
+            pulls.add_planes(arm, at.normal, dot(pull, at.normal), w);
+            pulls.add_points(arm, pull, .1f * w);
         }
+        Normal normal;
+        pulls.add_to(normal);
         normal.mirror();
         for (int i = 0; i < 3; ++i) normal.H[7 * i] += 1e-3 * options.support_distance * options.support_distance + 1e-9;
         for (int i = 3; i < 6; ++i) normal.H[7 * i] += 1e-3;

@@ -43,6 +43,9 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
     const int count = s.count(samples), size = int(joints.size());
     std::vector<Rigid> T(model.parts);
     std::vector<double> twists(6 * model.parts), H(size * size), g(size), columns(6 * size);
+    std::vector<uint8_t> slides(size, 0);
+    for (int k = 0; k < size; ++k)
+        for (const int p : needed) slides[k] |= model.actuated[p] == joints[k] && model.prismatic[p];
     double left = 0;
     for (int iteration = 0; iteration <= iterations; ++iteration) {
         model.forward(Rigid::identity(), values.data(), needed, T.data());
@@ -87,46 +90,57 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
         for (int k = 0; k < size; ++k) H[k * size + k] = 1.05 * H[k * size + k] + 1e-5 * weights;
         if (!solve_spd(H.data(), g.data(), size)) break;
         double largest = 0;
-        for (int k = 0; k < size; ++k)
-            largest = std::max(largest, model.step_joint(joints[k], g[k], .5, values[joints[k]]));
+        for (int k = 0; k < size; ++k) {
+            // A slide is as linear far away as it is near.
+            const double most = slides[k] ? model.upper[joints[k]] - model.lower[joints[k]] : .5;
+            largest = std::max(largest, model.step_joint(joints[k], g[k], most, values[joints[k]]));
+        }
         if (largest < 1e-3 && iteration < iterations - 1) iteration = iterations - 1;
     }
     return left;
+}
+
+// The best `keep` ways to bring `task.part` to its place while its anchor stays where it is `held`, from the `values` and
+// from random ones, that leave less than `tolerance`.
+std::vector<Configuration> Search::closed(const ReachTask &task, const Rigid &held, const std::vector<double> &values,
+                                          Random random, int starts, int keep, float tolerance) const {
+    const std::vector<int> joints = joints_between(model, task.anchor, task.part);
+    std::vector<Configuration> found, kept;
+    if (joints.empty()) return kept;
+    const Rigid goal = inverse(held) * task.T;
+    std::vector<Rigid> T(model.parts);
+    for (int start = 0; start < starts; ++start) {
+        std::vector<double> tried = values;
+        if (start > 0)
+            for (int j : joints) tried[j] = model.lower[j] + (model.upper[j] - model.lower[j]) * random.uniform();
+        const double left = close_chain(task, goal, joints, tried);
+        if (left > tolerance) continue;
+        model.forward(Rigid::identity(), tried.data(), T.data());
+        found.push_back({held * inverse(T[task.anchor]), std::move(tried), float(-left)});
+    }
+    sort_by_score(found);
+    constexpr double same = .15;
+    for (Configuration &candidate : found) {
+        bool is_new = int(kept.size()) < keep;
+        for (const Configuration &other : kept) {
+            double apart = 0;
+            for (int j : joints) apart = std::max(apart, std::abs(candidate.values[j] - other.values[j]));
+            is_new = is_new && apart > same;
+        }
+        if (is_new) kept.push_back(std::move(candidate));
+    }
+    return kept;
 }
 
 std::vector<Configuration> Search::reach(const std::vector<Configuration> &from, const std::vector<ReachTask> &tasks,
                                          uint64_t seed, int starts, int keep, float tolerance) const {
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
-        const ReachTask &task = tasks[t];
-        const Configuration &c = from[task.configuration];
-        const std::vector<int> joints = joints_between(model, task.anchor, task.part);
-        if (joints.empty()) return;
-        Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(t) + 1);
+        const Configuration &c = from[tasks[t].configuration];
         std::vector<Rigid> T(model.parts);
         model.forward(c.base, c.values.data(), T.data());
-        const Rigid held = T[task.anchor], goal = inverse(held) * task.T;
-        std::vector<Configuration> closed;
-        for (int start = 0; start < starts; ++start) {
-            std::vector<double> values = c.values;
-            if (start > 0)
-                for (int j : joints) values[j] = model.lower[j] + (model.upper[j] - model.lower[j]) * random.uniform();
-            const double left = close_chain(task, goal, joints, values);
-            if (left > tolerance) continue;
-            model.forward(Rigid::identity(), values.data(), T.data());
-            closed.push_back({held * inverse(T[task.anchor]), std::move(values), float(-left)});
-        }
-        sort_by_score(closed);
-        constexpr double same = .15;
-        for (Configuration &candidate : closed) {
-            bool is_new = int(found[t].size()) < keep;
-            for (const Configuration &other : found[t]) {
-                double apart = 0;
-                for (int j : joints) apart = std::max(apart, std::abs(candidate.values[j] - other.values[j]));
-                is_new = is_new && apart > same;
-            }
-            if (is_new) found[t].push_back(std::move(candidate));
-        }
+        const Random random(seed * 0x9E3779B97F4A7C15ull + uint64_t(t) + 1);
+        found[t] = closed(tasks[t], T[tasks[t].anchor], c.values, random, starts, keep, tolerance);
     });
     std::vector<Configuration> out;
     for (auto &f : found) out.insert(out.end(), f.begin(), f.end());

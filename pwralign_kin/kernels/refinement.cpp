@@ -1,5 +1,6 @@
 #include "sample_lanes.hpp"
 #include "search.hpp"
+#include <numeric>
 #include <optional>
 
 namespace pwr {
@@ -18,7 +19,6 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
 // null.
 void Search::pull_to_model(const PointSample &sample, float share, const std::vector<Rigid> &T, float sigma, float cap,
                            const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const {
-    const std::vector<OrientedPoint> &sampled = sample.points;
     const int n = model.parts;
     const float squared = sigma * sigma;
     // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
@@ -27,36 +27,58 @@ void Search::pull_to_model(const PointSample &sample, float share, const std::ve
     std::vector<RigidF> F(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists, F[p] = to_float(T[p]);
     const Vec centre{F[0].t[0], F[0].t[1], F[0].t[2]};
-    const Assignment a = assign(sample.balled, T.data(), mask.data(), cap);
-    for (size_t i = 0; i < sampled.size(); ++i) {
-        const SeenSurface::Place met = seen ? seen->on_ray_to(sampled[i].p) : SeenSurface::Place{-1, -1};
-        if (met.part >= 0) {
+    const int count = int(sample.points.size());
+    Nearest found(count, cap);
+    offer(sample.balled, T.data(), mask.data(), found);
+    if (seen)
+        for (int at = 0; at < count; ++at) {
+            const OrientedPoint &q = sample.points[sample.balled.order[at]];
+            const SeenSurface::Place met = seen->on_ray_to(q.p);
+            if (met.part < 0) continue;
+            found.part[at] = -1;
             const OrientedPoint &s = model.surface[met.part].dense[met.sample];
             const Vec surface_normal = rotate(F[met.part], s.n), foot = apply(F[met.part], s.p);
-            const float residual = dot(sampled[i].p - foot, surface_normal);
+            const float residual = dot(q.p - foot, surface_normal);
             if (std::abs(residual) > cap) continue;
             if (counts) ++counts[met.part];
             const float kernel = squared / (squared + residual * residual);
             normal[met.part].add_plane(foot - centre, surface_normal, residual, kernel * kernel * share);
-            continue;
         }
-        const int p = a.part[i];
-        if (p < 0) continue;
-        if (counts) ++counts[p];
-        const OrientedPoint &s = model.surface[p].dense[a.sample[i]];
-        const Vec surface_normal = rotate(F[p], s.n), foot = apply(F[p], s.p);
-        const Vec offset = sampled[i].p - foot;
-        const float residual = dot(offset, surface_normal), distance = a.distance[i];
-        const float kernel = squared / (squared + distance * distance);
-        // A point that faces away from the surface lies on another one, such as the other face of a panel.
-        const float agreement = std::max(0.f, dot(surface_normal, sampled[i].n));
-        const float w = kernel * kernel * (doubtful + (1 - doubtful) * agreement) * share;
-        if (w == 0) continue;
-        normal[p].add_plane(foot - centre, surface_normal, residual, w);
-        // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
-        const Vec along = offset - residual * surface_normal;
-        const float length = norm(along), aside = length - model.surface[p].slack;
-        if (aside > 0) normal[p].add_plane(foot - centre, (1 / length) * along, aside, w);
+    // The points of each part one after the other, and as many more that count nothing.
+    std::vector<int> first(n + 1, 0);
+    for (const int p : found.part)
+        if (p >= 0) ++first[p + 1];
+    std::partial_sum(first.begin(), first.end(), first.begin());
+    std::vector<int> of_part(first[n] + lane_count, 0), next(first.begin(), first.end() - 1);
+    for (int at = 0; at < count; ++at)
+        if (found.part[at] >= 0) of_part[next[found.part[at]]++] = at;
+    for (int p = 0; p < n; ++p) {
+        const Surface &surface = model.surface[p];
+        if (counts) counts[p] += first[p + 1] - first[p];
+        NormalLanes pulls;
+        for (int i = first[p]; i < first[p + 1]; i += lane_count) {
+            const int here = std::min(lane_count, first[p + 1] - i);
+            int samples[lane_count] = {};
+            FloatLanes distance{};
+            for (int j = 0; j < here; ++j) samples[j] = found.sample[of_part[i + j]], distance[j] = found.distance[of_part[i + j]];
+            VecLanes place, scan_normal, foot, surface_normal;
+            sample.rows.gather(&of_part[i], place, scan_normal);
+            surface.dense_rows.gather(samples, foot, surface_normal);
+            foot = apply(F[p], foot), surface_normal = rotate(F[p], surface_normal);
+            const VecLanes offset = place - foot, arm = foot - centre;
+            const FloatLanes residual = dot(offset, surface_normal), kernel = squared / (squared + distance * distance);
+            // A point that faces away from the surface lies on another one, such as the other face of a panel.
+            const FloatLanes agreement = max_lanes(dot(surface_normal, scan_normal), FloatLanes{});
+            const FloatLanes trusted = kernel * kernel * (doubtful + (1 - doubtful) * agreement) * share;
+            const FloatLanes w = first_lanes(here) ? trusted : FloatLanes{};
+            pulls.add_planes(arm, surface_normal, residual, w);
+            // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
+            const VecLanes along = offset - residual * surface_normal;
+            const FloatLanes length = sqrt_lanes(dot(along, along)), aside = length - surface.slack;
+            const IntLanes beyond = (aside > 0) & (w > 0);
+            if (any_lane(beyond)) pulls.add_planes(arm, (1 / (beyond ? length : all_lanes(1))) * along, aside, beyond ? w : FloatLanes{});
+        }
+        if (first[p] < first[p + 1]) pulls.add_to(normal[p]);
     }
 }
 
@@ -71,20 +93,19 @@ void Search::pull_to_scan(const std::vector<Rigid> &T, float sigma, float suppor
         const RigidF F = to_float(T[p]);
         const int count = s.count(48);
         const float share = support_weight * part_weights[p] / s.cumulated[count];
+        NormalLanes pulls;
         for (int i = 0; i < count; i += lane_count) {
             const SampleLanes at(field, s, F, i, count);
             IntLanes pulled = at.found & (at.w > 0) & (at.facing >= .2f);
             if (field.has_origin) pulled &= at.seen > 0;
             if (!any_lane(pulled)) continue;
-            const FloatLanes kernel = reach / (reach + at.squared), w = share * at.w * at.facing * kernel * kernel;
-            for (int j = 0; j < lane_count; ++j) {
-                if (!pulled[j]) continue;
-                const OrientedPoint &q = field.points[at.nearest[j]];
-                const Vec x{at.place.x[j], at.place.y[j], at.place.z[j]}, d = q.p - x;
-                normal[p].add_plane(x - centre, q.n, dot(d, q.n), w[j]);
-                normal[p].add_point(x - centre, d, .05f * w[j]);
-            }
+            const FloatLanes kernel = reach / (reach + at.squared);
+            const FloatLanes w = pulled ? share * at.w * at.facing * kernel * kernel : FloatLanes{};
+            const VecLanes arm = at.place - centre, pull = Vec{0, 0, 0} - at.away;
+            pulls.add_planes(arm, at.normal, dot(pull, at.normal), w);
+            pulls.add_points(arm, pull, .05f * w);
         }
+        pulls.add_to(normal[p]);
     }
 }
 
@@ -107,7 +128,9 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
         std::vector<Normal> own(n);
         const auto from = sampled.begin() + b * piece;
         const std::vector<OrientedPoint> points(from, from + std::min(piece, count - b * piece));
-        pull_to_model({points, {&points[0].p, 2, int64_t(points.size())}}, 1.f / count, T, sigma, cap,
+        std::vector<int> order(points.size());
+        std::iota(order.begin(), order.end(), 0);
+        pull_to_model({points, std::move(order)}, 1.f / count, T, sigma, cap,
                       seen ? &*seen : nullptr, own, &counted[b * n]);
         std::copy(own.begin(), own.end(), partial.begin() + b * n);
     });

@@ -10,7 +10,8 @@ struct SampleLanes {
     VecLanes place;      // placed samples
     IntLanes found;      // whether there is a scan point near to the sample's cell
     FloatLanes free;     // how far the cell is known to be free, in [0, 1]
-    VecLanes away;       // sample minus that point; meaningless where none was found
+    VecLanes away;       // sample minus that point, ...
+    VecLanes normal;     // ... and the point's normal; both meaningless where none was found
     FloatLanes squared;  // squared length of that, infinite where none was found
     FloatLanes facing;   // cosine between the normals, at least 0
     FloatLanes seen;     // cosine between the sample's normal and the direction to the sensor, times the sensor's distance
@@ -20,7 +21,7 @@ struct SampleLanes {
     __attribute__((always_inline)) SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last) {
         w = first_lanes(last - first) ? load_lanes(&surface.lane_weights[first]) : FloatLanes{};
         place = apply(T, surface.lane_points.at(first));
-        const VecLanes normal = rotate(T, surface.lane_normals.at(first));
+        const VecLanes own = rotate(T, surface.lane_normals.at(first));
         const IntLanes cell = field.cells_at(place);
         IntLanes code{};
         for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
@@ -28,16 +29,16 @@ struct SampleLanes {
         const IntLanes state = code & 3;
         free = state == ScanField::free ? all_lanes(1) : state == ScanField::silent ? all_lanes(field.unreturned) : FloatLanes{};
         store_lanes(found ? code >> 2 : IntLanes{}, nearest);
-        seen = dot(field.sensor - place, normal);
+        seen = dot(field.sensor - place, own);
         if (!any_lane(found)) {
-            away = place, squared = all_lanes(1e30f), facing = FloatLanes{};
+            away = normal = place, squared = all_lanes(1e30f), facing = FloatLanes{};
             return;
         }
-        VecLanes q, n;
-        field.rows.gather(nearest, q, n);
+        VecLanes q;
+        field.rows.gather(nearest, q, normal);
         away = place - q;
         squared = found ? dot(away, away) : all_lanes(1e30f);
-        facing = max_lanes(dot(normal, n), FloatLanes{});
+        facing = max_lanes(dot(own, normal), FloatLanes{});
     }
 };
 

@@ -7,10 +7,11 @@ namespace pwr {
 
 Nearest::Nearest(int64_t count, float cap) : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
 
-void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const {
+void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to, const uint8_t *balls) const {
+    thread_local CloseSamples close;
     for (int p = 0; p < model.parts; ++p)
         if (mask[p])
-            offer_part(model.surface[p], p, to_float(T[p]), points, to.cap, to.distance.data(), to.part.data(), to.sample.data(), to.close);
+            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.distance.data(), to.part.data(), to.sample.data(), close);
 }
 
 Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const {
@@ -144,15 +145,46 @@ PointSample Search::sample_of_points(int most) const {
     std::vector<int> order;
     for (const int k : field.curve)
         if (rank[k] < int(sampled.size())) order.push_back(rank[k]);
-    BalledPoints balled(&sampled[0].p, 2, std::move(order));
-    return {std::move(sampled), std::move(balled)};
+    return {std::move(sampled), std::move(order)};
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
     constexpr int few_points = 350, most_points = 1500;
-    const PointSample samples[] = {sample_of_points(few_points), sample_of_points(most_points)};
     const int n = model.parts;
+    std::vector<uint8_t> all_parts(n);
+    for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
+    // What a sample of the points tells of a configuration as it is, for all that stands still while a joint moves.
+    struct Look {
+        PointSample sample;
+        Nearest nearest;
+        std::vector<int> owner; // of each scan point
+        std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
+        float weight;
+    };
+    auto gain_at = [&](const Look &look, int at, const Nearest &to, const std::vector<RigidF> &F) {
+        return gain(shuffled[look.sample.balled.order[at]], to.part[at], to.sample[at], to.distance[at], F, options.coverage_distance);
+    };
+    std::vector<Look> looks;
+    for (const Configuration &c : from)
+        for (const int points : {few_points, most_points}) {
+            PointSample sample = sample_of_points(points);
+            const int count = int(sample.points.size());
+            Look look{std::move(sample), Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(n, 0.f), std::vector<float>(count), 0};
+            std::vector<Rigid> T(n);
+            std::vector<RigidF> F;
+            model.forward(c.base, c.values.data(), T.data());
+            for (const Rigid &t : T) F.push_back(to_float(t));
+            offer(look.sample.balled, T.data(), all_parts.data(), look.nearest);
+            for (int at = 0; at < count; ++at) {
+                const int point = shuffled[look.sample.balled.order[at]];
+                look.owner[point] = look.nearest.part[at];
+                look.gains[at] = gain_at(look, at, look.nearest, F);
+                look.weight += field.weight[point] * field.area[point];
+            }
+            update_support(look.owner, F, options.coverage_distance, all_parts.data(), look.support.data());
+            looks.push_back(std::move(look));
+        }
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
@@ -204,39 +236,42 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         // Few points tell which values are worth a look with many.
         std::vector<int> modes(tried.size());
         std::iota(modes.begin(), modes.end(), 0);
-        for (const PointSample &look : samples) {
-            const std::vector<int> &order = look.balled.order;
-            const int count = int(order.size());
+        for (const int few : {1, 0}) {
+            const Look &look = looks[2 * task.configuration + 1 - few];
+            const BalledPoints &points = look.sample.balled;
+            const int count = int(points.order.size());
             model.forward(c.base, c.values.data(), T.data());
             for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
-            Nearest before(count, options.band);
-            offer(look.balled, T.data(), stays.data(), before);
-            Nearest now = before;
-            offer(look.balled, T.data(), moves.data(), now);
-            std::vector<float> support(n, 0.f), row(tried.size(), -1e9f), gains(count), gained;
+            // Without what moves, the points that it took are nearest to something else, if to anything.
+            Nearest before = look.nearest;
+            std::vector<float> gains = look.gains, support = look.support;
+            std::vector<uint8_t> balls(points.radii.size(), 0);
+            std::vector<int> taken;
+            for (int at = 0; at < count; ++at)
+                if (before.part[at] >= 0 && moves[before.part[at]]) {
+                    before.distance[at] = before.cap, before.part[at] = before.sample[at] = -1;
+                    balls[at / lane_count] = 1, taken.push_back(at);
+                }
+            offer(points, T.data(), stays.data(), before, balls.data());
+            for (const int at : taken) gains[at] = gain_at(look, at, before, F);
+            const float still = std::accumulate(gains.begin(), gains.end(), 0.f);
             // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
-            std::vector<int> owner(field.points.size(), -1);
-            for (int at = 0; at < count; ++at) owner[shuffled[order[at]]] = now.part[at];
-            update_support(owner, F, options.coverage_distance, stays.data(), support.data());
-            float all = 0;
-            for (int i = 0; i < count; ++i) all += field.weight[shuffled[i]] * field.area[shuffled[i]];
-            auto gain_at = [&](int at, const Nearest &to) {
-                return gain(shuffled[order[at]], to.part[at], to.sample[at], to.distance[at], F, options.coverage_distance);
-            };
-            for (int at = 0; at < count; ++at) gains[order[at]] = gain_at(at, before);
+            std::vector<int> owner = look.owner;
+            std::vector<float> row(tried.size(), -1e9f);
+            Nearest now = before;
             for (const int v : modes) {
                 place(tried[v], moving);
-                now = before, gained = gains;
-                offer(look.balled, T.data(), moves.data(), now);
+                now = before;
+                offer(points, T.data(), moves.data(), now);
+                float gained = 0;
                 for (int at = 0; at < count; ++at)
-                    if (now.part[at] != before.part[at]) gained[order[at]] = gain_at(at, now);
+                    if (now.part[at] != before.part[at]) gained += gain_at(look, at, now, F) - gains[at];
                 if (!field.has_origin)
-                    for (int at = 0; at < count; ++at) owner[shuffled[order[at]]] = now.part[at];
+                    for (int at = 0; at < count; ++at) owner[shuffled[points.order[at]]] = now.part[at];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-                const float covered = std::accumulate(gained.begin(), gained.end(), 0.f) / all;
-                tried[v].score = row[v] = total_score(covered, support.data()) - cost(tried[v], F);
+                tried[v].score = row[v] = total_score((still + gained) / look.weight, support.data()) - cost(tried[v], F);
             }
-            modes = best_modes(row, &look == samples ? 3 * keep : keep, first, second);
+            modes = best_modes(row, few ? 3 * keep : keep, first, second);
         }
         for (int v : modes) found[t].push_back(tried[v]);
     });

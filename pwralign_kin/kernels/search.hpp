@@ -68,6 +68,12 @@ struct Assignment {
 struct PointSample {
     std::vector<OrientedPoint> points;
     BalledPoints balled;
+    OrientedRows rows; // in the order of their neighbourhood
+
+    PointSample(std::vector<OrientedPoint> given, std::vector<int> order)
+        : points(std::move(given)), balled(&points[0].p, 2, std::move(order)) {
+        for (const int i : balled.order) rows.push(points[i].p, points[i].n);
+    }
 };
 
 // What is nearest to each of some balled points so far.
@@ -75,7 +81,6 @@ struct Nearest {
     float cap;
     std::vector<float> distance; // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
-    std::vector<CloseSample> close; // memory that is used again
 
     Nearest(int64_t count, float cap);
 };
@@ -161,8 +166,9 @@ class Search {
     // of placements.
     void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
                    float *out) const;
-    // Offer the parts in `mask` to points, in the order of their neighbourhood.
-    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to) const;
+    // Offer the parts in `mask` to points, in the order of their neighbourhood; to those of some `balls` only (null: all).
+    void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to,
+               const uint8_t *balls = nullptr) const;
 
     const Articulated &model;
     const ScanField &field;
@@ -185,19 +191,32 @@ class Search {
         std::vector<Rigid> down, up;
         bool circular;
     };
+    // The best hypotheses of a part so far; `bar` is the least score of those that count.
+    struct Pool {
+        static constexpr size_t size = 400;
+        std::vector<Hypothesis> best;
+        float bar = lowest_score;
+
+        void add(const Hypothesis &candidate);
+    };
     struct Growth {
         const float *point_weights;
         const float *part_weights;
+        const std::vector<Hypothesis> *placed; // where parts may be; null: not known
     };
+    // The weights of scan points, null where all are 1: that need not be looked up.
+    static const float *weights_or_none(const std::vector<float> &weights);
     float part_score(int part, const RigidF &T, int first, int last, float distance,
                      const float *point_weights) const;
     std::vector<Hypothesis> hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
                                                int keep, const float *point_weights) const;
-    void consider(int part, const Rigid &pose, const float *point_weights, std::vector<Hypothesis> &candidates) const;
-    std::vector<Hypothesis> best_of(std::vector<Hypothesis> candidates, int keep, const float *point_weights) const;
+    void consider(int part, const Rigid &pose, const float *point_weights, Pool &pool) const;
+    std::vector<Hypothesis> best_of(Pool pool, int keep, const float *point_weights) const;
     void refine_part(Hypothesis &hypothesis, int iterations, const float *point_weights) const;
     double close_chain(const ReachTask &task, const Rigid &goal, const std::vector<int> &joints,
                        std::vector<double> &values) const;
+    std::vector<Configuration> closed(const ReachTask &task, const Rigid &held, const std::vector<double> &values,
+                                      Random random, int starts, int keep, float tolerance) const;
     std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(std::vector<Partial> states, int node, Edge edge, float leads_to, int most,
@@ -205,6 +224,9 @@ class Search {
     std::vector<Edge> silent_path(const Partial &state, int node, Edge edge, const Growth &growth) const;
     std::vector<Partial> cross_silent(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
                                       const Growth &growth) const;
+    bool is_wide(const std::vector<Edge> &path) const;
+    std::vector<Partial> brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
+                                 const std::vector<Hypothesis> &placed) const;
     float damped(float score) const;
     double displacement(int part, const Rigid &A, const Rigid &B, bool turning) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
@@ -232,6 +254,7 @@ class Search {
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
     int support_samples;         // of each part that tell its support
+    const float *field_weights; // as of `weights_or_none`
     float most_trust = 0;        // largest weight of a scan point
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it

@@ -43,7 +43,7 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
       thinned(candidates_per_point * points), near(points) {
     const size_t size = 6 + model.joints;
     kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
-    candidates.reserve(most_examined), close.resize(points);
+    candidates.reserve(most_examined), close.make_room(points);
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;

@@ -147,7 +147,7 @@ class Tracking {
     std::vector<float> ordered, resting;
     std::vector<float> distance;        // of the points assigned last from the nearest part, ...
     std::vector<int> owner, sample;     // ... which part that is, -1 for none, and its sample
-    std::vector<CloseSample> close;
+    CloseSamples close;
     HashedCells thinned, near;
 };
 

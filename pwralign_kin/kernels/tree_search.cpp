@@ -38,6 +38,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
     int with_surface = 1;
     for (const Surface &s : model.surface) with_surface += s.exists;
     support_samples = std::clamp(samples_of_model / with_surface, fewest, samples_of_part);
+    field_weights = weights_or_none(field.weight);
     for (const float weight : field.weight) most_trust = std::max(most_trust, weight);
     // A fixed seed: the order is a property of the scan, not of the search.
     Random random(20);
@@ -322,6 +323,43 @@ std::vector<Search::Partial> Search::cross_silent(const std::vector<Partial> &st
     return entered;
 }
 
+// Whether a joint of the path slides so far that refinement does not bridge the steps of its sweep.
+bool Search::is_wide(const std::vector<Edge> &path) const {
+    constexpr double bridged = .1;
+    return std::any_of(path.begin(), path.end(), [&](const Edge &e) {
+        const std::vector<double> &values = sweeps[e.joint].values;
+        return model.prismatic[e.joint] && values.size() > 1 && values[1] - values[0] > bridged;
+    });
+}
+
+// States in which the part at the end of the path is where one of its hypotheses places it, all joints of the path
+// solved together.
+std::vector<Search::Partial> Search::brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
+                                             const std::vector<Hypothesis> &placed) const {
+    constexpr int starts = 6, kept = 2;
+    constexpr float tolerance = .03f;
+    std::vector<Partial> reached;
+    for (const Partial &state : states)
+        for (size_t h = 0; h < placed.size(); ++h) {
+            if (placed[h].part != path.back().to) continue;
+            const ReachTask task{0, node, placed[h].part, placed[h].T};
+            for (const Configuration &c : closed(task, state.T[node], state.values, Random(h + 1), starts, kept, tolerance)) {
+                Partial next = state;
+                int from = node;
+                for (const Edge &e : path) {
+                    const int joint = model.actuated[e.joint];
+                    const Rigid motion = model.joint_placement(e.joint, c.values[joint]);
+                    next.T[e.to] = next.T[from] * (e.to == e.joint ? motion : inverse(motion));
+                    next.values[joint] = c.values[joint];
+                    next.known[joint] = 1;
+                    from = e.to;
+                }
+                reached.push_back(std::move(next));
+            }
+        }
+    return reached;
+}
+
 // Mean displacement of some samples of a part between two placements; that of its frame where it has none, and where
 // `turning` whichever is more: a turn about its own axis hardly moves a round part.
 double Search::displacement(int part, const Rigid &A, const Rigid &B, bool turning) const {
@@ -369,10 +407,13 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
         }
         const std::vector<Edge> path = silent_path(states.front(), node, onward.front(), growth);
         previous = node;
+        std::vector<Partial> bridged;
+        if (growth.placed && is_wide(path)) bridged = brought(states, node, path, *growth.placed);
         if (path.size() > 1) {
             states = cross_silent(states, node, path, growth);
             previous = path[path.size() - 2].to;
         }
+        std::move(bridged.begin(), bridged.end(), std::back_inserter(states));
         node = path.back().to;
         const int most = edges[node].size() > 1 ? options.beam : keep;
         states = cross_edge(std::move(states), previous, path.back(), surface_beyond(node, previous, growth.part_weights), most, growth);
@@ -422,7 +463,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, in
         Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral, std::vector<uint8_t>(model.joints, 0), 0};
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
-        const Growth growth{field.weight.data(), weights.data()};
+        const Growth growth{field_weights, weights.data(), &roots};
         for (const Partial &state : grow_from(start, roots[i].part, -1, -1, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
@@ -453,7 +494,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
             point_weights.resize(count);
             for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
         }
-        const Growth growth{point_weights.empty() ? field.weight.data() : point_weights.data(), task.weights.data()};
+        const Growth growth{point_weights.empty() ? field_weights : point_weights.data(), task.weights.data(), nullptr};
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });

@@ -4,96 +4,133 @@ namespace pwr {
 
 namespace {
 
-constexpr int leaf_size = 4;
-constexpr int most_depth = 64;
+constexpr int most_waiting = 512; // more than the levels of any tree times the lanes
 
 Vec least(Vec a, Vec b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
 Vec greatest(Vec a, Vec b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 
-Vec on_segment(Vec p, Vec a, Vec b) {
-    const Vec along = b - a;
-    const float length = dot(along, along);
-    return length > 0 ? a + std::clamp(dot(p - a, along) / length, 0.f, 1.f) * along : a;
+void set_lane(VecLanes &lanes, int lane, Vec v) { lanes.x[lane] = v.x, lanes.y[lane] = v.y, lanes.z[lane] = v.z; }
+
+VecLanes along(const VecLanes &a, FloatLanes share, const VecLanes &b) {
+    return {a.x + share * b.x, a.y + share * b.y, a.z + share * b.z};
+}
+VecLanes chosen(IntLanes condition, const VecLanes &a, const VecLanes &b) {
+    return {condition ? a.x : b.x, condition ? a.y : b.y, condition ? a.z : b.z};
 }
 
-// The closest point is the foot on the plane where that lies inside, else it lies on an edge.
-Vec on_triangle(Vec p, const Vec *corner) {
-    const Vec normal = cross(corner[1] - corner[0], corner[2] - corner[0]);
-    bool inside = dot(normal, normal) > 0;
-    for (int i = 0; i < 3 && inside; ++i)
-        inside = dot(cross(corner[(i + 1) % 3] - corner[i], p - corner[i]), normal) >= 0;
-    if (inside) return p - (dot(p - corner[0], normal) / dot(normal, normal)) * normal;
-    Vec best{};
-    float nearest = INFINITY;
+// The closest point of each triangle is the foot on its plane where that lies inside, else it lies on an edge.
+VecLanes on_triangles(Vec p, const VecLanes *corner) {
+    const FloatLanes nothing{};
+    const VecLanes normal = cross(corner[1] - corner[0], corner[2] - corner[0]);
+    const FloatLanes area = dot(normal, normal);
+    IntLanes inside = area > 0;
+    FloatLanes nearest = all_lanes(INFINITY);
+    VecLanes best = corner[0];
     for (int i = 0; i < 3; ++i) {
-        const Vec at = on_segment(p, corner[i], corner[(i + 1) % 3]);
-        const float squared = dot(p - at, p - at);
-        if (squared < nearest) nearest = squared, best = at;
+        const VecLanes edge = corner[(i + 1) % 3] - corner[i], from = p - corner[i];
+        inside &= dot(cross(edge, from), normal) >= 0;
+        const FloatLanes length = dot(edge, edge), share = dot(from, edge) / (length > 0 ? length : all_lanes(1));
+        const FloatLanes clamped = share > 1 ? all_lanes(1) : max_lanes(share, nothing);
+        const VecLanes at = along(corner[i], clamped, edge), off = p - at;
+        const FloatLanes squared = dot(off, off);
+        best = chosen(squared < nearest, at, best), nearest = squared < nearest ? squared : nearest;
     }
-    return best;
+    const FloatLanes height = dot(corner[0] - p, normal) / (inside ? area : all_lanes(1));
+    return chosen(inside, {p.x + height * normal.x, p.y + height * normal.y, p.z + height * normal.z}, best);
 }
 
 } // namespace
 
 TriangleMesh::TriangleMesh(const Vec *vertices, const int *faces, int64_t count) {
+    std::vector<Triangle> triangles;
     for (int64_t i = 0; i < count; ++i)
         triangles.push_back({{vertices[faces[3 * i]], vertices[faces[3 * i + 1]], vertices[faces[3 * i + 2]]}});
-    if (count > 0) build(0, int(count));
+    if (count > 0) build(triangles, 0, int(count));
 }
 
-void TriangleMesh::build(int first, int count) {
-    Box box{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, -1, first, count};
-    Vec low = box.low, high = box.high;
-    for (int i = first; i < first + count; ++i) {
-        for (const Vec &v : triangles[i].corner) box.low = least(box.low, v), box.high = greatest(box.high, v);
-        low = least(low, triangles[i].middle()), high = greatest(high, triangles[i].middle());
+// Halve the largest range of triangles until there is one for every lane; those that fit a leaf are whole.
+int TriangleMesh::build(std::vector<Triangle> &triangles, int first, int count) {
+    struct Range {
+        int first, count;
+    };
+    std::vector<Range> ranges{{first, count}};
+    while (int(ranges.size()) < lane_count) {
+        const auto largest = std::max_element(ranges.begin(), ranges.end(), [](Range a, Range b) { return a.count < b.count; });
+        const auto [from, size] = *largest;
+        if (size <= lane_count) break;
+        Vec low = triangles[from].middle(), high = low;
+        for (int i = from; i < from + size; ++i)
+            low = least(low, triangles[i].middle()), high = greatest(high, triangles[i].middle());
+        const Vec extent = high - low;
+        const Vec axis = extent.x >= std::max(extent.y, extent.z) ? Vec{1, 0, 0} : extent.y >= extent.z ? Vec{0, 1, 0} : Vec{0, 0, 1};
+        const int half = size / 2;
+        std::nth_element(triangles.begin() + from, triangles.begin() + from + half, triangles.begin() + from + size,
+                         [&](const Triangle &a, const Triangle &b) { return dot(a.middle(), axis) < dot(b.middle(), axis); });
+        *largest = {from, half};
+        ranges.push_back({from + half, size - half});
     }
-    const int here = int(boxes.size());
-    boxes.push_back(box);
-    if (count <= leaf_size) return;
-    const Vec extent = high - low;
-    const Vec axis = extent.x >= std::max(extent.y, extent.z) ? Vec{1, 0, 0} : extent.y >= extent.z ? Vec{0, 1, 0} : Vec{0, 0, 1};
-    const int half = count / 2;
-    std::nth_element(triangles.begin() + first, triangles.begin() + first + half, triangles.begin() + first + count,
-                     [&](const Triangle &a, const Triangle &b) { return dot(a.middle(), axis) < dot(b.middle(), axis); });
-    boxes[here].count = 0;
-    build(first, half);
-    boxes[here].second = int(boxes.size());
-    build(first + half, count - half);
+    const int here = int(nodes.size());
+    Node node;
+    node.low = node.high = {all_lanes(INFINITY), all_lanes(INFINITY), all_lanes(INFINITY)};
+    nodes.push_back(node);
+    for (int lane = 0; lane < int(ranges.size()); ++lane) {
+        const Range own = ranges[lane];
+        Vec low = triangles[own.first].corner[0], high = low;
+        for (int i = own.first; i < own.first + own.count; ++i)
+            for (const Vec &v : triangles[i].corner) low = least(low, v), high = greatest(high, v);
+        set_lane(node.low, lane, low), set_lane(node.high, lane, high);
+        if (own.count > lane_count) {
+            node.inside[lane] = build(triangles, own.first, own.count);
+            continue;
+        }
+        Leaf leaf;
+        for (int j = 0; j < lane_count; ++j)
+            for (int c = 0; c < 3; ++c) set_lane(leaf.corner[c], j, triangles[own.first + std::min(j, own.count - 1)].corner[c]);
+        leaves.push_back(leaf);
+        node.inside[lane] = -int(leaves.size());
+    }
+    nodes[here] = node;
+    return here;
 }
 
-float TriangleMesh::squared_distance(Vec p, const Box &box) {
-    const Vec outside = greatest(greatest(box.low - p, p - box.high), {0, 0, 0});
+FloatLanes TriangleMesh::squared_distances(Vec p, const Node &node) {
+    const VecLanes below = node.low - p, above = p - node.high;
+    const FloatLanes nothing{};
+    const VecLanes outside{max_lanes(max_lanes(below.x, above.x), nothing), max_lanes(max_lanes(below.y, above.y), nothing),
+                           max_lanes(max_lanes(below.z, above.z), nothing)};
     return dot(outside, outside);
 }
 
 float TriangleMesh::closest(Vec p, float squared, Vec &at) const {
-    if (boxes.empty() || squared_distance(p, boxes[0]) >= squared) return squared;
+    if (nodes.empty()) return squared;
     struct Waiting {
-        int box;
+        int inside;
         float squared;
-    } waiting[most_depth];
-    int count = 0, box = 0;
-    while (true) {
-        const Box &here = boxes[box];
-        for (int i = here.first; i < here.first + here.count; ++i) {
-            const Vec found = on_triangle(p, triangles[i].corner);
-            const float own = dot(p - found, p - found);
-            if (own < squared) squared = own, at = found;
+    } waiting[most_waiting];
+    int count = 0;
+    waiting[count++] = {0, 0};
+    while (count > 0) {
+        const Waiting next = waiting[--count];
+        if (next.squared >= squared) continue;
+        if (next.inside < 0) {
+            const VecLanes found = on_triangles(p, leaves[-next.inside - 1].corner), off = p - found;
+            const FloatLanes own = dot(off, off);
+            for_lanes(own < squared, [&](int j) {
+                if (own[j] < squared) squared = own[j], at = {found.x[j], found.y[j], found.z[j]};
+            });
+            continue;
         }
-        if (here.count == 0) {
-            Waiting near{box + 1, squared_distance(p, boxes[box + 1])}, far{here.second, squared_distance(p, boxes[here.second])};
-            if (far.squared < near.squared) std::swap(near, far);
-            if (far.squared < squared) waiting[count++] = far;
-            if (near.squared < squared) {
-                box = near.box;
-                continue;
-            }
-        }
-        while (count > 0 && waiting[count - 1].squared >= squared) --count;
-        if (count == 0) return squared;
-        box = waiting[--count].box;
+        const Node &node = nodes[next.inside];
+        const FloatLanes far = squared_distances(p, node);
+        // The nearest is looked at first: it comes last.
+        const int before = count;
+        for_lanes(far < squared, [&](int j) {
+            int place = count++;
+            for (; place > before && waiting[place - 1].squared < far[j]; --place) waiting[place] = waiting[place - 1];
+            waiting[place] = {node.inside[j], far[j]};
+        });
     }
+    return squared;
 }
 
 } // namespace pwr

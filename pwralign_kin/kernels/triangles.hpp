@@ -1,6 +1,6 @@
 // Exact closest points on triangle meshes.
 #pragma once
-#include "linalg.hpp"
+#include "lanes.hpp"
 
 namespace pwr {
 
@@ -18,16 +18,21 @@ class TriangleMesh {
         Vec corner[3];
         Vec middle() const { return (1 / 3.f) * (corner[0] + corner[1] + corner[2]); }
     };
-    // A box of the tree: a leaf holds triangles, of any other the first child follows it and `second` is the other.
-    struct Box {
-        Vec low, high;
-        int second, first, count;
+    // Triangles side by side; the last is repeated where there are fewer.
+    struct Leaf {
+        VecLanes corner[3];
     };
-    void build(int first, int count);
-    static float squared_distance(Vec p, const Box &box);
+    // Boxes side by side, each with what it holds: a node, or, counted from -1 down, a leaf. Lanes without a box are
+    // infinitely far.
+    struct Node {
+        VecLanes low, high;
+        int inside[lane_count];
+    };
+    int build(std::vector<Triangle> &triangles, int first, int count);
+    static FloatLanes squared_distances(Vec p, const Node &node);
 
-    std::vector<Triangle> triangles;
-    std::vector<Box> boxes;
+    std::vector<Leaf> leaves;
+    std::vector<Node> nodes; // the first is the root's
 };
 
 } // namespace pwr

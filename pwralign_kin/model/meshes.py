@@ -99,6 +99,7 @@ def find_mesh(filename: str, urdf: Path, packages: PackageFolders = NO_FOLDERS) 
 
     Packages are looked for in `packages`, the folders above the URDF, and those that ROS names; of those only the
     ones that hold a folder of the package's name count as tried. Last they are looked for deeper in `packages`.
+    A relative name is looked for beside the URDF, in `packages`, and last from the folders above.
     """
     tried: list[Path] = []
     for candidate in _candidates(unquote(filename) if "://" in filename else filename, urdf, packages):
@@ -129,6 +130,8 @@ def _candidates(filename: str, urdf: Path, packages: PackageFolders) -> Iterator
         yield folders[0] / rest.removeprefix("localhost")  # an absolute path replaces the folder
     else:
         yield from (base / filename for base in (*folders, *packages))
+        # exporters and simulators also write names relative to the package, or to their data folder
+        yield from (base / filename for base in above if (base / filename).is_file())
 
 
 def _ros_folders() -> list[Path]:

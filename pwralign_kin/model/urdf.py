@@ -121,7 +121,8 @@ class _Reader:
         values = _floats(text)
         if values is None or len(values) != count or not all(abs(value) <= LARGEST_NUMBER for value in values):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-            self.faults.append(f"{where}: {attribute}={text!r} of <{element.tag}> is not {wanted}")
+            remedy = ": it is an expression of xacro, give the file the suffix .xacro" if "$" in text else ""
+            self.faults.append(f"{where}: {attribute}={text!r} of <{element.tag}> is not {wanted}{remedy}")
             return (0.0,) * count
         return values
 

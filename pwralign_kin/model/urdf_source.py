@@ -40,6 +40,7 @@ def read_source(path: Path, packages: PackageFolders, xacro_args: Mapping[str, s
 
 def _expand_xacro(path: Path, packages: PackageFolders, values: Mapping[str, str]) -> bytes:
     try:
+        import xacro
         import xacrodoc
     except ImportError:
         remedy = 'pip install "pwralign-kin[xacro]"'
@@ -48,6 +49,7 @@ def _expand_xacro(path: Path, packages: PackageFolders, values: Mapping[str, str
         try:
             xacrodoc.packages.reset()
             xacrodoc.packages.update_package_cache(_packages(path, packages))
+            xacro.init_stacks(str(path.absolute()))  # relative includes start beside the file, not where we run
             urdf = str(xacrodoc.XacroDoc.from_file(str(path), subargs=dict(values)).to_urdf_string())
         except Exception as error:  # xacro evaluates the file's own expressions: anything may come out
             raise ModelError(path, _xacro_fault(" ".join(str(error).split()), declared, values)) from None

@@ -1,8 +1,9 @@
 """From files, arrays and depth images to a clean `Scan`."""
 
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.frames import FrameOptions, read_frames
+from pwralign_kin.scan.frames import read_frames
 from pwralign_kin.scan.scan import METRES, DepthCamera, Scan
+from pwralign_kin.scan.timed_frame import FrameOptions
 from pwralign_kin.scan.units import check_named_unit, check_units, likely_unit
 from pwralign_kin.scan.writers import write_ply
 

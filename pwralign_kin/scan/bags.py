@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from pwralign_kin.dependencies import rosbags
 from pwralign_kin.exceptions import ScanError, UnknownNameError
 from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.scan import checked_intrinsics, cloud_frame
-
-if TYPE_CHECKING:
-    from pwralign_kin.scan.frames import FrameOptions, TimedFrame
+from pwralign_kin.scan.timed_frame import FrameOptions, TimedFrame
 
 logger = logging.getLogger(__name__)
 

@@ -5,23 +5,21 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
-from pwralign_kin.scan.depth import MILLIMETRES, DepthFrame
+from pwralign_kin.scan.bags import read_bag
+from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.scan import Scan, checked_intrinsics, cloud_frame
+from pwralign_kin.scan.timed_frame import FrameOptions, TimedFrame
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)
-
-TimedFrame = tuple[float, Scan | DepthFrame | Array]
-"""A time (s) and what was seen then; a cloud of too few points to make a scan as bare points."""
 
 BAG_SUFFIXES = (".mcap", ".db3")
 _DIMENSIONS = {
@@ -37,29 +35,6 @@ _DIMENSIONS = {
 """Of the arrays of a sequence."""
 
 _SECONDS = re.compile(r"\d+\.\d+")
-
-
-@dataclass(frozen=True)
-class FrameOptions:
-    """What files do not tell of themselves."""
-
-    rate: float = 30.0
-    """Frames per second of files whose names and contents tell no times."""
-    sensor_origin: ArrayLike | None = None
-    """(3,) where point clouds were seen from, in their unit."""
-    intrinsics: ArrayLike | None = None
-    """(3, 3), or (fx, fy, cx, cy), pixels, of depth images."""
-    depth_scale: float = MILLIMETRES
-    """m per unit of integer depth images."""
-    T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
-    """(4, 4) placement of the camera of depth images in the scan frame, m."""
-    topic: str | None = None
-    """Of a bag: the topic with PointCloud2 or depth Image messages; None: the only one."""
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise ScanError("frames", f"the rate must be a positive number of frames per second, not {self.rate}")
 
 
 def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None) -> Iterator[TimedFrame]:
@@ -86,8 +61,6 @@ def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None
     if len(given) == 1:
         only = given[0]
         if _is_bag(only):
-            from pwralign_kin.scan.bags import read_bag
-
             return read_bag(only, own)
         if only.is_dir():
             return _files(_in_folder(only), own)

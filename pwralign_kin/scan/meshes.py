@@ -17,6 +17,10 @@ _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attr
 
 _STL_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
+BENT = (12.0, 65.0)
+"""Angle between neighbouring triangles, degrees, from which they are chords of a curved surface, and beyond which they
+meet at an edge of it."""
+
 _OBJ_ATTRIBUTES = re.compile(r"/\S*|\s*#.*")
 """What follows the vertex index of a corner, and comments."""
 
@@ -123,3 +127,27 @@ def _checked_faces(faces: NDArray[np.int64], count: int, path: Path) -> NDArray[
     if faces.min() < 0 or faces.max() >= count:
         raise ScanError(path, f"faces name vertices that do not exist; there are {count}")
     return faces
+
+
+def bent_share(vertices: Array, faces: NDArray[np.int64]) -> float:
+    """Return the share of a mesh's area in triangles that lie `BENT` against a neighbour.
+
+    Vertices at one place are one, be they repeated for every triangle. Triangles may be turned over.
+    """
+    _, same = np.unique(vertices, axis=0, return_inverse=True)
+    corners = same.reshape(-1)[faces]
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    areas = np.linalg.norm(normals, axis=1)
+    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+    key = edges[:, 0] * len(vertices) + edges[:, 1]
+    order = np.argsort(key, kind="stable")
+    shared = np.flatnonzero(key[order][1:] == key[order][:-1])
+    one, other = order[shared] % len(faces), order[shared + 1] % len(faces)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other])) / (areas[one] * areas[other])
+    most, least = np.cos(np.radians(BENT))
+    is_bent = (cosine < most) & (cosine > least)
+    bent = np.zeros(len(faces), bool)
+    bent[one[is_bent]] = bent[other[is_bent]] = True
+    areas = np.where(np.isfinite(areas), areas, 0.0)
+    return float(areas[bent].sum() / max(areas.sum(), 1e-300))

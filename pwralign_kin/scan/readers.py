@@ -18,13 +18,17 @@ from numpy.typing import NDArray
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.files import check_path
 from pwralign_kin.scan.content import FileContent
-from pwralign_kin.scan.meshes import read_glb, read_obj, read_stl
+from pwralign_kin.scan.meshes import bent_share, read_glb, read_obj, read_stl
 from pwralign_kin.scan.pcd import read_pcd
 from pwralign_kin.scan.ply import read_ply
 from pwralign_kin.se3 import Array
 
 MESH_SAMPLES = 50_000
 """Points drawn from a scanned mesh: about 1% of the diagonal apart on a surface of the size of its box."""
+
+CHORDS, LEAST_VERTICES = 0.5, 50
+"""Share of a scanned mesh's area in triangles that are chords of a curved surface from which only its vertices, if they
+are so many, are on that surface."""
 
 _COMMENTS = ("#", "//")
 
@@ -36,7 +40,7 @@ def read(path: Path | str) -> FileContent:
     its first three columns or under a heading that names them, an optional leading count, comments after # or
     //. NPZ has the key `points` (or one array (n, 3) alone) and optionally `sensor_origin` and `normals`.
     Meshes are sampled uniformly by area, 50,000 points, always the same; a mesh file without faces gives its
-    vertices.
+    vertices, and so does one whose triangles are coarse against what they show: between its vertices it cuts corners.
 
     Raises `ScanError` for a file that is missing, a folder, unreadable, of an unknown suffix, empty,
     truncated, malformed or not numeric.
@@ -61,6 +65,9 @@ def read(path: Path | str) -> FileContent:
         content = reader(data, path)
         if content.faces is None:
             return content
+        corners = np.unique(content.points[content.faces].reshape(-1, 3), axis=0)
+        if len(corners) >= LEAST_VERTICES and bent_share(content.points, content.faces) >= CHORDS:
+            return FileContent(points=corners)
         return FileContent(points=_sampled(content.points, content.faces, path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,18 @@ def held_at(fit: Fit, model: pk.ArticulatedModel, truth: pk.State, value: float)
     return Candidates.single(base, np.array([value]))
 
 
+def several(fit: Fit, model: pk.ArticulatedModel, truth: pk.State) -> tuple[Candidates, Candidates]:
+    """A wrong answer, and it before the right one of `truth` with scores a little lower."""
+    right = held_at(fit, model, truth, truth.joints["turn"])
+    turned = right.bases[0].copy()
+    turned[:3, :3] = turned[:3, :3] @ rotation_about(np.array([0.0, 0.0, 1.0]), np.pi)
+    wrong = Candidates.single(turned, np.array([truth.joints["turn"] - np.pi + 0.3]))
+    return wrong, Candidates(
+        np.concatenate([wrong.bases, right.bases]), np.concatenate([wrong.values, right.values]),
+        np.array([1.0, 0.995], np.float32),
+    )  # fmt: skip
+
+
 def contest(fit: Fit, final: Candidates, finished: Candidates) -> Candidates | None:
     return contested(fit.solver, final, gathered(fit.solver.search, final, finished), finished, final.take(slice(0, 0)))
 
@@ -71,14 +84,19 @@ def test_of_nearly_equal_scores_the_points_decide(tmp_path: Path) -> None:
     """Scores a hundredth apart say less than thousands of points."""
     model, truth = swivel(tmp_path, -3.0, 3.0), pk.State(np.eye(4), {"turn": 0.5})
     fit = fitted(model, truth)
-    right = held_at(fit, model, truth, 0.5)
-    turned = right.bases[0].copy()
-    turned[:3, :3] = turned[:3, :3] @ rotation_about(np.array([0.0, 0.0, 1.0]), np.pi)
-    wrong = Candidates.single(turned, np.array([0.5 - np.pi + 0.3]))
-    finished = Candidates(
-        np.concatenate([wrong.bases, right.bases]), np.concatenate([wrong.values, right.values]),
-        np.array([1.0, 0.995], np.float32),
-    )  # fmt: skip
+    wrong, finished = several(fit, model, truth)
     better = contest(fit, wrong, finished)
     assert better is not None
     assert better.values[0, 0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_what_the_points_prefer_keeps_its_score(tmp_path: Path) -> None:
+    """It is the cost of the estimate, which its alternatives are held against."""
+    model, truth = swivel(tmp_path, -3.0, 3.0), pk.State(np.eye(4), {"turn": 0.5})
+    fit = fitted(model, truth)
+    wrong, finished = several(fit, model, truth)
+    plain = dataclasses.replace(gathered(fit.solver.search, wrong, finished), distinct=40.0)
+    better = contested(fit.solver, wrong, plain, finished, wrong.take(slice(0, 0)))
+    assert better is not None
+    assert better.values[0, 0] == pytest.approx(0.5, abs=0.02)
+    assert better.scores == pytest.approx([0.995, 1.0, 0.995])

@@ -369,3 +369,56 @@ def test_a_part_that_the_scan_lacks_is_called_unseen(arm: pk.ArticulatedModel, s
     assert [name for name, part in estimate.parts.items() if not part.seen] == ["lower"]
     assert "hardly seen" in str(estimate) or "not seen" in str(estimate)
     assert "of the whole model" in str(estimate)
+
+
+def scan_lines(scan: pk.Scan, apart: float, thick: float) -> pk.Scan:
+    """Return the points of a view (3,) whose elevation is within `thick` of lines (rad) as far `apart`."""
+    assert scan.sensor_origin is not None
+    ahead = scan.points.mean(axis=0) - scan.sensor_origin
+    across = np.cross(ahead, [0.3, -0.5, 0.8])
+    rays = scan.points - scan.sensor_origin
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    elevation = np.arcsin(rays @ across / np.linalg.norm(across))
+    on_line = np.abs((elevation / apart) % 1.0 - 0.5) < thick / apart
+    return pk.Scan(scan.points[on_line], sensor_origin=scan.sensor_origin)
+
+
+@pytest.mark.parametrize("origin", [True, False])
+def test_scan_lines_of_a_spinning_sensor_suffice(arm: pk.ArticulatedModel, origin: bool) -> None:
+    sensor = pk.Sensor(views=1, points=60000, noise=0.006, noise_along_ray=True, known_origin=True, distance=(2.5, 2.5))
+    simulated = pk.simulate(arm, sensor=sensor, seed=3)
+    lines = scan_lines(simulated.scan, 0.02, 0.0002)
+    assert 100 < len(lines) < 3000
+    estimate = pk.estimate(arm, lines if origin else lines.without_sensor_origin())
+    assert estimate.evidence.noise == pytest.approx(0.006, rel=0.4)
+    assert worst_joint(arm, estimate, simulated.state) < 0.12
+    assert estimate.confidence > 0.6
+
+
+@pytest.mark.parametrize("where", ["side", "behind"])
+def test_a_wrong_sensor_origin_is_dropped(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, where: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    points = single_scan.scan.points
+    middle = points.mean(axis=0)
+    seen_from = single_scan.view_origins[0] - middle
+    wrong = middle + (np.cross(seen_from, [0.3, -0.5, 0.8]) if where == "side" else -seen_from)
+    estimate = pk.estimate(arm, pk.Scan(points, sensor_origin=wrong))
+    assert "sensor origin is not used" in caplog.text
+    assert worst_joint(arm, estimate, single_scan.state) < 0.02
+    assert estimate.confidence > 0.5
+
+
+def test_a_right_sensor_origin_is_kept(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert pk.estimate(arm, single_scan.scan).evidence.refuted >= 0.0
+    assert "sensor origin" not in caplog.text
+
+
+def test_a_joint_that_much_noise_hides_is_weighed_all_the_same(arm: pk.ArticulatedModel) -> None:
+    """Beyond 2% noise, what lies on the model was farther than the kernels look, and points of no part were counted."""
+    simulated = pk.simulate(arm, sensor=pk.Sensor(points=400, noise=0.03, stray=0.3), seed=4)
+    estimate = pk.estimate(arm, simulated.scan)
+    assert estimate.evidence.noise > 0.02
+    assert estimate.evidence.strange > 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe
+from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe, seen_through
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
 
@@ -19,6 +19,18 @@ def sphere(count: int, noise: float = 0.0) -> np.ndarray:
     return (0.4 + noise * RNG.normal(size=(count, 1))) * outward
 
 
+def scan_lines(noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the half of a sphere that a spinning sensor sees, 0.006 apart along lines that are 0.06 apart, and
+    where it was."""
+    sensor = np.array([2.4, 0.0, 0.0])
+    up, round_ = (slopes.ravel() for slopes in np.meshgrid(np.arange(-0.2, 0.2, 0.025), np.arange(-0.2, 0.2, 0.0025)))
+    rays = np.column_stack([-np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)])
+    along = -(rays @ sensor)
+    rays, along = (values[along**2 - sensor @ sensor + 0.4**2 > 0.01] for values in (rays, along))
+    ranges = along - np.sqrt(along**2 - sensor @ sensor + 0.4**2)
+    return sensor + (ranges + noise * RNG.normal(size=len(ranges)))[:, None] * rays, sensor
+
+
 def prepared(points: np.ndarray, sensor_origin: np.ndarray | None = None, **options: object) -> Observation:
     return observe(pk.Scan(points, sensor_origin=sensor_origin), 1.0, ObservationOptions(**options), 2)  # type: ignore[arg-type]
 
@@ -26,6 +38,20 @@ def prepared(points: np.ndarray, sensor_origin: np.ndarray | None = None, **opti
 @pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
 def test_the_noise_is_found(noise: float) -> None:
     assert prepared(sphere(8000, noise)).noise == pytest.approx(noise, rel=0.4)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.004, 0.008])
+def test_the_noise_of_scan_lines_is_found_although_each_is_in_a_plane_without_any(noise: float) -> None:
+    assert prepared(scan_lines(noise)[0]).noise == pytest.approx(noise, rel=0.4)
+
+
+def test_normals_of_scan_lines_are_of_the_surface_between_them() -> None:
+    points, sensor = scan_lines(0.004)
+    observation = prepared(points, sensor)
+    assert len(observation.points) > 0.75 * len(prepared(points).points)
+    outward = observation.points + observation.centre
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    assert np.median(np.einsum("ij,ij->i", outward, observation.normals)) > 0.95
 
 
 def test_details_do_not_count_as_noise() -> None:
@@ -46,6 +72,15 @@ def test_normals_point_to_the_sensor() -> None:
     assert observation.single_view
     towards = observation.sensor_origin - observation.points
     assert (np.einsum("ij,ij->i", towards, observation.normals) > 0).all()
+
+
+def test_an_origin_is_told_that_many_points_are_hidden_from() -> None:
+    points, sensor = sphere(8000, 0.002), np.array([3.0, 0.0, 0.0])
+    seen = points[points @ sensor > 0.4**2]
+    assert seen_through(pk.Scan(seen, sensor_origin=sensor), 1.0) < 0.1
+    assert seen_through(pk.Scan(points, sensor_origin=sensor), 1.0) > 0.3
+    assert seen_through(pk.Scan(seen, sensor_origin=[0.0, 3.0, 0.0]), 1.0) > 0.25
+    assert seen_through(pk.Scan(points), 1.0) == 0.0
 
 
 def test_strays_are_dropped() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.observation import ObservationOptions, observe
-from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch, median
+from pwralign_kin.estimation.observation import ObservationOptions, median, observe
+from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -35,6 +35,13 @@ HINGES = [
     ("y", "first", "second", 0, "0 1 0"),
     ("x", "second", "limb", 0, "1 0 0"),
 ]
+
+
+TABLE = """<robot name="table">
+  <link name="a"><visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual></link>
+  <link name="b"><visual><geometry><box size="0.15 0.12 0.3"/></geometry></visual></link>
+  <joint name="j" type="planar"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint>
+</robot>"""
 
 
 def true_candidate(
@@ -65,6 +72,21 @@ def test_a_moved_limb_is_not_crowded_out_by_near_copies(search: TreeSearch, righ
     assert has_moved(kept)
     assert len(kept) <= 8
     assert (np.diff(kept.scores) <= 0).all()
+
+
+@pytest.mark.parametrize("base_moves", [False, True])
+def test_what_a_sweep_finds_scores_as_whole_configurations_do(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, units: np.ndarray, base_moves: bool
+) -> None:
+    few = pk.Scan(single_scan.scan.points[::25], sensor_origin=single_scan.scan.sensor_origin)
+    observation = observe(few, arm.diagonal, ObservationOptions(), 1)
+    assert len(observation.points) <= 350  # a sweep looks at no more of them at first
+    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 1)
+    true = true_candidate(arm, search, single_scan, units)
+    joints = np.arange(true.values.shape[1], dtype=np.int32)
+    swept = search.swept(true, joints, np.full(len(joints), base_moves), 4)
+    assert len(swept) > len(joints)
+    np.testing.assert_allclose(swept.scores, search.scored(swept)[0].scores, atol=1e-4)
 
 
 def test_a_view_contradicts_surface_in_free_space(
@@ -150,3 +172,35 @@ def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> Non
         assert (np.diff(many.scores) <= 0).all()
         assert many.scores[0] == best.scores[index]
         assert np.array_equal(many.values[0], best.values[index])
+
+
+@pytest.mark.parametrize("seed", [0, 2, 7])
+def test_a_part_on_a_planar_joint_is_found_wherever_it_slides(tmp_path: Path, seed: int) -> None:
+    urdf = tmp_path / "table.urdf"
+    urdf.write_text(TABLE)
+    model = pk.ArticulatedModel.from_urdf(urdf)
+    made = pk.simulate(model, sensor=pk.Sensor(points=3000), seed=seed)
+    estimate = pk.estimate(model, made.scan)
+    assert estimate.scan_coverage > 0.99
+    assert estimate.confidence > 0.8
+
+
+STRIP = """<link name="s{0}">
+  <visual><origin xyz="0.1 0 0"/><geometry><box size="0.22 0.016 0.003"/></geometry></visual></link>"""
+PIVOT = """<joint name="p{1}" type="revolute"><parent link="s{0}"/><child link="s{1}"/>
+  <origin xyz="0.2 0 0.0035"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
+
+
+def test_a_thin_part_off_the_scan_lacks_however_much_area_noise_gives_the_others(tmp_path: Path) -> None:
+    strips = "".join(STRIP.format(i) for i in range(5)) + "".join(PIVOT.format(i, i + 1) for i in range(4))
+    (tmp_path / "rule.urdf").write_text(f'<robot name="rule">{strips}</robot>')
+    rule = pk.ArticulatedModel.from_urdf(tmp_path / "rule.urdf")
+    truth = pk.State(np.eye(4), dict(zip(rule.joint_names, (0.9, -1.1, 1.2, 0.8), strict=True)))
+    made = pk.simulate(rule, truth, TIERS["hololens"], seed=0)
+    observation = observe(made.scan, rule.diagonal, ObservationOptions(), 1)
+    search = TreeSearch(rule.kernel_model, rule.surfaces, observation, rule.values({}), SearchOptions(), 1)
+    right = true_candidate(rule, search, made, np.ones(4))
+    off = Candidates(right.bases, right.values + np.array([0.0, 0.0, 0.0, 1.5]), NONE)
+    assert search.explained_shares(search.owners(right, search.exists)[1]).min() > 1.5
+    assert not search.lacks(right).any()
+    assert search.lacks(off).tolist() == [False, False, False, False, True]

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.candidates import Candidates
 from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, LeastSquaresOptions, Problem
 from pwralign_kin.estimation.tree_search import TreeSearch
-from pwralign_kin.estimation.uncertainty import Errors, covariance, inverse_covariance
+from pwralign_kin.estimation.uncertainty import Errors, covariance, inverse_covariance, observed_errors
 from pwralign_kin.simulation import SimulatedScan
 
 NONE = np.zeros(3, bool)
@@ -33,6 +34,14 @@ def test_more_points_do_not_help_against_an_error_that_they_share(problem: Probl
     noisy, biased = Errors(noise=0.01, systematic=0.0), Errors(noise=0.001, systematic=0.01)
     assert (deviations(many, noisy) < 0.6 * deviations(problem, noisy)).all()
     np.testing.assert_allclose(deviations(many, biased), deviations(problem, biased), rtol=0.02)
+
+
+def test_the_samples_of_the_surface_are_no_bias_of_the_sensor(
+    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
+) -> None:
+    base = search.observation.to_search(arm.root_placement(full_scan.state))
+    right = Candidates.single(base, arm.values(full_scan.state.joints) / units)
+    assert observed_errors(search, right, problem).systematic < 0.0005
 
 
 def test_bias_makes_base_and_joints_uncertain_alike(problem: Problem) -> None:

@@ -284,6 +284,8 @@ def place(folder: Path) -> None:
         ("package://far/wedge.stl", "packages/far"),
         ("package://packages/wedge.stl", "packages"),
         ("wedge.stl", "packages"),
+        ("meshes/wedge.stl", "ws/robot/meshes"),
+        ("robot/meshes/wedge.stl", "ws/robot/meshes"),
         ("package://rosy/wedge.stl", "ros/rosy"),
         ("package://amenty/wedge.stl", "ament/share/amenty"),
         ("package://robot/my%20meshes/wedge.stl", "ws/robot/my meshes"),

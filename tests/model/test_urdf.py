@@ -292,6 +292,7 @@ def faults(path: Path, **options: object) -> tuple[str, ...]:
         (chain(LIMIT + '<axis xyz="0 zero 0"/>'), ("j1", "xyz='0 zero 0'")),
         (chain(LIMIT + '<origin xyz="1 2"/>'), ("j1", "3 finite numbers")),
         (chain(LIMIT + '<origin rpy="nan 0 0"/>'), ("j1", "3 finite numbers")),
+        (chain(LIMIT + '<origin xyz="$(optenv PLACE 0 0 1)"/>'), ("j1", "xacro", "suffix")),
         (chain(LIMIT + '<origin xyz="1e300 0 0"/>'), ("j1", "3 finite numbers")),
         (chain('<limit lower="low" upper="1" effort="1" velocity="1"/>'), ("j1", "lower='low'")),
         (chain("", kinds=("hinge",)), ("j1", "'hinge'", "revolute")),
@@ -442,6 +443,17 @@ def test_xacro_finds_packages(write_urdf: WriteUrdf, tmp_path: Path) -> None:
     (tmp_path / "src/hand/hand.xacro").rename(tmp_path / "src/arm/urdf/hand.xacro")
     (tmp_path / "src/arm/package.xml").unlink()
     assert ArticulatedModel.from_urdf(own).root_link == "palm"
+
+
+def test_xacro_includes_relative_names(write_urdf: WriteUrdf) -> None:
+    """Beside the file that includes them, wherever the program runs, and after an include that failed."""
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    xacro = '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    path = write_urdf('<xacro:include filename="parts/arm.xacro"/>', "bot.xacro", xacro)
+    write_urdf('<xacro:include filename="hand.xacro"/>', "parts/arm.xacro", xacro)
+    assert "hand.xacro" in faults(path)[0]
+    write_urdf(link("palm"), "parts/hand.xacro", xacro)
+    assert ArticulatedModel.from_urdf(path).root_link == "palm"
 
 
 XACRO = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'

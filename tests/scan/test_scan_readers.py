@@ -280,6 +280,28 @@ def test_meshes_are_sampled(tmp_path: Path, suffix: str) -> None:
     assert scan.points.mean(axis=0) == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+@pytest.mark.parametrize(("steps", "vertices"), [(3, None), (14, 338), (40, None)])
+def test_coarse_meshes_give_their_vertices(tmp_path: Path, suffix: str, steps: int, vertices: int | None) -> None:
+    """Of spheres: too few vertices to do without samples, triangles that are chords, and such as are nearly flat."""
+    sphere = trimesh.creation.uv_sphere(count=[steps, steps])
+    content = sphere.export(file_type=suffix[1:])
+    (tmp_path / f"mesh{suffix}").write_bytes(content if isinstance(content, bytes) else content.encode())
+    scan = Scan.load(tmp_path / f"mesh{suffix}")
+    if vertices is None:
+        assert len(scan) == 50_000
+    else:
+        assert len(scan) == vertices
+        assert np.linalg.norm(scan.points, axis=1) == pytest.approx(np.ones(len(scan)), abs=1e-6)
+
+
+def test_meshes_of_flat_faces_are_sampled_however_few_or_many_triangles_they_have(tmp_path: Path) -> None:
+    box = trimesh.creation.box().subdivide().subdivide()
+    box.export(tmp_path / "box.obj")
+    assert len(box.vertices) > 90
+    assert len(Scan.load(tmp_path / "box.obj")) == 50_000
+
+
 @pytest.mark.parametrize("space", [" ", "\t"])
 def test_an_obj_without_faces_gives_its_vertices(space: str, tmp_path: Path) -> None:
     (tmp_path / "cloud.obj").write_text("".join(f"v{space}{row}\n" for row in text_rows(POINTS).splitlines()))
