@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -14,6 +14,7 @@ from pwralign_kin.benchmark.cases import Case
 from pwralign_kin.benchmark.methods import DEFAULT, answer
 from pwralign_kin.benchmark.metrics import Ruler, Score
 from pwralign_kin.benchmark.runs import Models, Progress
+from pwralign_kin.benchmark.summaries import grouped
 from pwralign_kin.benchmark.table import figure, markdown, median, share
 from pwralign_kin.estimation import Estimate
 from pwralign_kin.model import ArticulatedModel
@@ -139,16 +140,13 @@ def table(outcomes: Sequence[SceneOutcome]) -> str:
     )
 
 
-def _grouped_table(head: str, outcomes: Iterable[SceneOutcome], key: Callable[[SceneOutcome], str]) -> str:
+def _grouped_table(head: str, outcomes: Sequence[SceneOutcome], key: Callable[[SceneOutcome], str]) -> str:
     heads = [
         head, " scenes", " share of points on the model", " overlay", " part recall", " worst part",
         " own points: precision", " recall", " time median", " time max", " errors",
     ]  # fmt: skip
-    groups: dict[str, list[SceneOutcome]] = {}
-    for own in outcomes:
-        groups.setdefault(key(own), []).append(own)
-    groups["all"] = [own for group in groups.values() for own in group]
-    return markdown(heads, [[name, *_cells(own)] for name, own in groups.items()])
+    groups = [*grouped(outcomes, key), ("all", outcomes)]
+    return markdown(heads, [[name, *_cells(own)] for name, own in groups])
 
 
 def _cells(own: Sequence[SceneOutcome]) -> list[str]:

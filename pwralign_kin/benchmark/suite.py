@@ -153,20 +153,24 @@ def further_robots(settings: Settings, progress: Progress) -> Result:
 
 
 def unsegmented_scenes(settings: Settings, progress: Progress) -> Result:
-    """The model in whole rooms, without a mask. The rooms take the place of the tiers."""
-    robots = models(settings.samples, settings.robots or ROBOTS)
-    outcomes = scenes.measure(robots, settings.configurations or CONFIGURATIONS, settings.threads, progress)
-    return Result(scenes.table(outcomes), outcomes)
+    """The model in whole rooms, without a mask: every robot, and those drawn by lot. The rooms take the place of the
+    tiers."""
+    robots = [name for group in _known_and_drawn(settings, progress) for name in group]
+    outcomes = scenes.measure(
+        models(settings.samples, robots), settings.configurations or CONFIGURATIONS, settings.threads, progress
+    )
+    groups = summaries.grouped(outcomes, _origin)
+    return Result("\n".join(f"**{name}**\n\n{scenes.table(own)}" for name, own in groups), outcomes)
 
 
 def honest_doubt(settings: Settings, progress: Progress) -> Result:
     """Confidence and standard deviations against the truth, on the cases of two tables and harsher ones."""
     all_of = []
-    for robots in [settings.robots] if settings.robots else [tuple(ROBOTS), further.accepted(_drawn(progress))]:
+    for robots in _known_and_drawn(settings, progress):
         all_of += _as_it_comes(settings, robots, progress)
         if not settings.tiers:
             all_of += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress)
-    outcomes = dict(summaries.grouped(all_of, lambda own: KNOWN if own.robot in ROBOTS else DRAWN))
+    outcomes = dict(summaries.grouped(all_of, _origin))
     by_tier = dict(summaries.grouped(all_of, lambda outcome: outcome.tier))
     return _illustrated(
         [
@@ -336,6 +340,16 @@ def _drawn(progress: Progress) -> list[further.Draw]:
         progress(str(draw))
         drawn.append(draw)
     return drawn
+
+
+def _known_and_drawn(settings: Settings, progress: Progress) -> list[tuple[str, ...]]:
+    """Return `ROBOTS` and the robots drawn by lot, or those that the settings name."""
+    return [settings.robots] if settings.robots else [tuple(ROBOTS), further.accepted(_drawn(progress))]
+
+
+def _origin(own: Outcome | scenes.SceneOutcome) -> str:
+    """Return whether the estimator was made with the robot of an outcome, or it was drawn by lot."""
+    return KNOWN if own.robot in ROBOTS else DRAWN
 
 
 def _evaluate(

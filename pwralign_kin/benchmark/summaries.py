@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, median, quantile, share
 
 Outcomes = Sequence[Outcome]
+Own = TypeVar("Own")
 
 LEAST_SQUARES = ("default", "no-least-squares", "no-bounds")
 """Methods whose answers differ in the last step only."""
@@ -139,9 +141,9 @@ def correspondence_table(outcomes: Outcomes) -> str:
     return markdown(["robot", *(f" {method}" for method in methods), " time median"], rows)
 
 
-def grouped(outcomes: Outcomes, key: Callable[[Outcome], str]) -> list[tuple[str, list[Outcome]]]:
+def grouped(outcomes: Iterable[Own], key: Callable[[Own], str]) -> list[tuple[str, list[Own]]]:
     """Return the outcomes by key, the keys in order of appearance."""
-    groups: dict[str, list[Outcome]] = {}
+    groups: dict[str, list[Own]] = {}
     for outcome in outcomes:
         groups.setdefault(key(outcome), []).append(outcome)
     return list(groups.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,6 +19,7 @@ from pwralign_kin.estimation.observation import Float
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.repair import repair
+from pwralign_kin.estimation.scene import close_up
 from pwralign_kin.estimation.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.soundness import soundness
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -81,6 +83,20 @@ EFFORTS = {
     "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
 }
 """What the names of `EstimatorOptions.effort` stand for."""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A close look at one candidate of a scene."""
+
+    focused: TreeSearch
+    """The scene about it."""
+    closely: AnswerSearch
+    """The search of what is about it as a scan of the model alone, ..."""
+    found: Candidates
+    """... what that found, ..."""
+    best: Candidates
+    """... and the best of these (one), scored in the scene."""
 
 
 class AnswerSearch:
@@ -217,9 +233,17 @@ class AnswerSearch:
 
     def _once(self, seed: int, search: TreeSearch) -> Candidates:
         """Search a scan of the model."""
+        found = self._found(seed, search)
+        with self.watch.stage("repair"):
+            return self._narrowly_repaired(search, found, turn=True)
+
+    def _found(self, seed: int, search: TreeSearch, start: Candidates | None = None) -> Candidates:
+        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
         with self.watch.stage("hypotheses"):
             hypotheses = self._hypotheses(seed)
             if len(hypotheses.parts) == 0:
+                if start is not None:
+                    return start
                 raise self._nothing_placed
         with self.watch.stage("growth"):
             grown = search.grow(hypotheses, search.options.beam)
@@ -228,15 +252,15 @@ class AnswerSearch:
                 grown = Candidates.concatenate([from_base, grown])
         with self.watch.stage("refinement"):
             kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
-            refined = search.scored(search.refined(kept))[0]
-        with self.watch.stage("repair"):
-            return self._narrowly_repaired(search, refined, turn=True)
+            if start is not None:
+                kept = Candidates.concatenate([start, kept])
+            return search.scored(search.refined(kept))[0]
 
     def _in_scene(self) -> Candidates:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
         options = self.options.scene_search
         regions = RegionSearch(
-            self.search, options, self.repairing, self.near, pairs="pairs" in self.options.sources,
+            self.search, options, self.near, pairs="pairs" in self.options.sources,
             faces=self.options.faces if "faces" in self.options.sources else None,
         )  # fmt: skip
         several: list[Candidates] = []
@@ -252,29 +276,61 @@ class AnswerSearch:
             if len(left):
                 with self.watch.stage("repair"):
                     answers.append(self._repaired_one_by_one(left))
-                regions.repaired.append(answers[-1])
             best = self._distinct(answers)
             if self._is_sound(best):
                 break
         return best
 
     def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
-        """Repair the best candidates of a scene, each with what is about it, until one is convincing or sound."""
+        """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
+        one answer is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        left, several = self._distinct([priced(search, candidates)]), []
-        for _ in range(options.finalists):
-            focused = search.about(left.take([0]), options.focus)
-            solutions = self._repaired(focused, focused.scored(left)[0], turn=True)
-            several.append(priced(search, search.scored(solutions)[0]).best_first())
-            best = several[-1].take([0])
-            left = unlike(search, left, [best], options.apart)
-            if len(left) == 0 or self._is_convincing(best) or self._is_sound(several[-1]):
+        short = replace(self.repairing, rounds=options.rounds)
+        looks = sorted(self._looks(candidates), key=lambda look: -look.best.scores[0])
+        several = []
+        for look in looks[: max(1, round(options.finalists * search.effort))]:
+            repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
+            solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
+            # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
+            several.append(self._distinct([look.best, priced(search, search.scored(solutions)[0])]))
+            if self._is_convincing(several[-1].take([0])) or self._is_sound(several[-1]):
                 break
         return self._distinct(several)
 
-    def _repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        """Repair with small beams, and with wide ones where much of the scan is still unexplained."""
-        return self._widely_repaired(search, self._narrowly_repaired(search, candidates, turn=turn))
+    def _looks(self, candidates: Candidates) -> Iterator[_Look]:
+        """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
+        one is convincing.
+
+        A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
+        it explains more.
+        """
+        search, options = self.search, self.options.scene_search
+        scored = priced(search, candidates)
+        rankings = scored, Candidates(scored.bases, scored.values, search.coverage(scored))
+        seen: list[Candidates] = []
+        for rank in range(max(1, round(options.leaders * search.effort))):
+            left = unlike(search, rankings[rank % 2], seen, options.apart)
+            if len(left) == 0:
+                return
+            leader = left.best_first().take([0])
+            focused = search.about(leader, options.focus)
+            closely = self._closely(focused)
+            found = closely._found(self.options.seed, closely.search, leader)
+            best = priced(search, search.scored(found)[0]).best_first().take([0])
+            seen += [leader, best]
+            yield _Look(focused, closely, found, best)
+            if self._is_convincing(best):
+                return
+
+    def _closely(self, focused: TreeSearch) -> AnswerSearch:
+        """Return a search that takes the `focused` points of a scene for a scan of the model alone.
+
+        Among so much less, more hypotheses are about the model, and all that is near it should be explained.
+        """
+        options, scene = self.options, self.search.observation
+        view = close_up(scene, focused.searched, options.observation, options.scene, self.search.threads)
+        watch = Stopwatch(self.watch.progress)
+        return AnswerSearch(self.model, self.search.of(view), options, self.correspondences, watch)
 
     def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))

@@ -8,7 +8,7 @@ Only ranges at which the points lie close enough to show the model are searched.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,14 +153,77 @@ def observe_scene(
         raise ScanError(
             scan.source, f"it spans {scan.diagonal / diagonal:.3g} times the model, which is {diagonal:.3g} m across"
         )
-    centre = np.asarray(np.median(scan.points, axis=0))
-    raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
-    origin = preparation.common_origin(scan, centre, diagonal)
-    points, _, cell = kernels.voxel_means(raw, preparing.voxel)
-    spacing = preparation.sixth_neighbour(points, threads)
-    area = _areas(spacing)
-    near = _near_enough(points, spacing, area, origin, total_area(surfaces), options)
-    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+    cells = _Cells.of(scan, diagonal, preparing, threads)
+    planes = _background(cells, surfaces, options, threads)
+    if surroundings is not None:
+        planes[cells.of_point[surroundings]] = True
+    low, high = ((corner - cells.centre) / diagonal for corner in box)
+    near = _near_enough(cells.points, cells.spacing, cells.areas, cells.origin, total_area(surfaces), options)
+    near &= ((cells.points >= low) & (cells.points <= high)).all(axis=1)
+    region = _regions(cells.points, cells.spacing, near & ~planes, total_area(surfaces), options)
+    if (region < 0).all():
+        where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
+        size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
+        raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")
+    return _observed(cells, region, planes, preparing, options, threads)
+
+
+def close_up(
+    scene: Observation, chosen: Bools, preparing: ObservationOptions, options: SceneOptions, threads: int
+) -> Observation:
+    """Return the `chosen` points (m,) of a scene as a scan of the model alone, of which the scene still tells hidden
+    from free space."""
+    points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
+    count = len(points)
+    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    field = _field(
+        points, normals, weights, areas, regions, scene.raw, scene.sensor_origin, preparing, options, threads
+    )
+    nearest = scene.field.nearest(scene.given)
+    mine = (nearest >= 0) & chosen[nearest]
+    return replace(
+        scene, points=points, normals=normals, given=scene.given[mine], given_normals=scene.given_normals[mine],
+        weights=weights, areas=areas, regions=regions, scene=False, field=field,
+        spacing=float(np.median(preparation.sixth_neighbour(points, threads))),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """A downsampled scene, in model diagonals about its centre."""
+
+    scan: Scan
+    centre: Array
+    """(3,) in the scan frame, m."""
+    diagonal: float
+    """The unit of length, m."""
+    origin: Float | None
+    """(3,) where the scene was seen from, else None."""
+    raw: Float
+    """(n, 3) all points of the scan."""
+    of_point: NDArray[np.int32]
+    """(n,) the cell that each of them lies in."""
+    points: Float
+    """(c, 3) their means in each cell."""
+    spacing: Float
+    """(c,) distance to the sixth neighbour."""
+    areas: Float
+    """(c,) surface that each cell stands for."""
+
+    @classmethod
+    def of(cls, scan: Scan, diagonal: float, preparing: ObservationOptions, threads: int) -> _Cells:
+        """Downsample a scan (m)."""
+        centre = np.asarray(np.median(scan.points, axis=0))
+        origin = preparation.common_origin(scan, centre, diagonal)
+        raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+        points, _, of_point = kernels.voxel_means(raw, preparing.voxel)
+        spacing = preparation.sixth_neighbour(points, threads)
+        return cls(scan, centre, diagonal, origin, raw, of_point, points, spacing, _areas(spacing))
+
+
+def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOptions, threads: int) -> Bools:
+    """Return which cells lie on planes wider than any part of the model."""
+    normals, _, variances, _ = kernels.local_planes(cells.points, options.normal_radius, threads)
     spread = max(
         float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
         for s in surfaces
@@ -168,75 +231,74 @@ def observe_scene(
     )
     least_spread = max(options.plane_wider * spread, options.plane_least)
     least_area = options.plane_area * max(s.area for s in surfaces)
-    tolerance = _tolerance(points, variances[:, 0], origin, options)
-    planes = _wide_planes(points, normals, area, tolerance, least_spread, least_area, options)
-    if surroundings is not None:
-        planes[cell[surroundings]] = True
-    low, high = ((corner - centre) / diagonal for corner in box)
-    near &= ((points >= low) & (points <= high)).all(axis=1)
-    region = _regions(points, spacing, near & ~planes, total_area(surfaces), options)
-    if (region < 0).all():
-        where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
-        size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
-        raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")
-    kept = np.flatnonzero(_surroundings(points, region >= 0, options.margin))
-    searched = region[kept] >= 0
-    return _observed(
-        scan, raw, cell, points, kept, region[kept].astype(np.int32), planes[kept], area[kept],
-        float(np.median(spacing[kept][searched])), origin, centre, diagonal, preparing, options, threads,
-    )  # fmt: skip
+    tolerance = _tolerance(cells.points, variances[:, 0], cells.origin, options)
+    return _wide_planes(cells.points, normals, cells.areas, tolerance, least_spread, least_area, options)
 
 
 def _observed(
-    scan: Scan,
-    raw: Float,
-    cell: NDArray[np.int32],
-    points: Float,
-    kept: NDArray[np.int64],
-    region: NDArray[np.int32],
+    cells: _Cells,
+    region: NDArray[np.int64],
     planes: Bools,
-    area: Float,
-    spacing: float,
-    origin: Float | None,
-    centre: Array,
-    diagonal: float,
     preparing: ObservationOptions,
     options: SceneOptions,
     threads: int,
 ) -> Observation:
-    """Give the kept points their normals and their field."""
-    searched_cells = np.zeros(len(points), bool)
-    searched_cells[kept[region >= 0]] = True
-    noise = min(preparation.noise_of(raw[searched_cells[cell]], threads), options.most_noise)
-    kept_points = np.ascontiguousarray(points[kept])
-    normals, gap = preparation.normals_of(kept_points, noise, spacing, preparing, threads)
-    normals = preparation.oriented_normals(kept_points, normals, origin, scan, spacing, centre, diagonal, threads)
-    if origin is not None:
-        faced = preparation.facing(kept_points, normals, origin, preparing) | (region < 0)
-        kept, region, planes, area = kept[faced], region[faced], planes[faced], area[faced]
-        kept_points, normals = np.ascontiguousarray(kept_points[faced]), np.ascontiguousarray(normals[faced])
-    weight = np.where(planes, options.plane_weight, np.where(region >= 0, 1.0, options.other_weight)).astype(np.float32)
-    field_cell = preparing.field_cell
-    while np.prod(np.ptp(kept_points, axis=0) / field_cell + 80) > LARGEST_FIELD:
-        field_cell *= 1.2
-    pixel = preparation.depth_pixel(gap, preparing)
+    """Give what is searched, by the `region` (c,) of each cell, and what lies near it their normals and their field."""
+    kept = np.flatnonzero(_surroundings(cells.points, region >= 0, options.margin))
+    # Of the cells that are kept, not of those that turn out to face away.
+    spacing = float(np.median(cells.spacing[kept][region[kept] >= 0]))
+    noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
+    points = np.ascontiguousarray(cells.points[kept])
+    normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
+    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(gap, preparing))
+    normals = preparation.oriented_normals(
+        points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
+    )
+    if cells.origin is not None:
+        faced = preparation.facing(points, normals, cells.origin, preparing) | (region[kept] < 0)
+        kept, points, normals = kept[faced], np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
+    regions, areas = region[kept].astype(np.int32), cells.areas[kept]
+    other = np.where(planes[kept], options.plane_weight, options.other_weight)
+    weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
+    field = _field(points, normals, weights, areas, regions, cells.raw, cells.origin, preparing, options, threads)
+    of_model = np.zeros(len(cells.points), bool)
+    of_model[kept[~planes[kept]]] = True
+    mine = of_model[cells.of_point]
+    given, given_normals = preparation.as_given(
+        cells.raw[mine], cells.of_point[mine], field, points, normals, preparing
+    )
+    return Observation(
+        points, normals, preparation.at_most(cells.raw, preparing.most_raw), given, given_normals, weights, areas,
+        regions, True, spacing, noise, cells.origin, field, cells.centre, cells.diagonal,
+    )  # fmt: skip
+
+
+def _field(
+    points: Float,
+    normals: Float,
+    weights: Float,
+    areas: Float,
+    regions: NDArray[np.int32],
+    seen: Float,
+    origin: Float | None,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> kernels.ScanField:
+    """Return the field of the points that are kept; everything `seen` (n, 3) from `origin` tells free from hidden
+    space."""
+    cell, pixel = preparing.field_cell, preparing.depth_pixel
+    while np.prod(np.ptp(points, axis=0) / cell + 80) > LARGEST_FIELD:
+        cell *= 1.2
     if origin is not None:
         # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
-        searched = float(np.median(np.linalg.norm(kept_points[region >= 0] - origin, axis=1)))
-        pixel *= float(np.linalg.norm(raw.mean(axis=0) - origin)) / searched
-    field = kernels.ScanField(
-        kept_points, normals, weight, area, region, field_cell, preparing.field_truncation,
+        searched = float(np.median(np.linalg.norm(points[regions >= 0] - origin, axis=1)))
+        pixel *= float(np.linalg.norm(seen.mean(axis=0) - origin)) / searched
+    return kernels.ScanField(
+        points, normals, weights, areas, regions, cell, preparing.field_truncation,
         [] if origin is None else [float(v) for v in origin],
-        raw if origin is not None else np.zeros((0, 3), np.float32),
+        seen if origin is not None else np.zeros((0, 3), np.float32),
         pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
-    )  # fmt: skip
-    of_model = np.zeros(len(points), bool)
-    of_model[kept[~planes]] = True
-    mine = of_model[cell]
-    given, given_normals = preparation.as_given(raw[mine], cell[mine], field, kept_points, normals, preparing)
-    return Observation(
-        kept_points, normals, preparation.at_most(raw, preparing.most_raw), given, given_normals, weight, area, region,
-        True, spacing, noise, origin, field, centre, diagonal,
     )  # fmt: skip
 
 

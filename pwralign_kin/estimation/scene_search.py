@@ -11,7 +11,6 @@ from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.continuation import continued
 from pwralign_kin.estimation.face_hypotheses import FaceOptions, face_hypotheses
 from pwralign_kin.estimation.observation import Float
-from pwralign_kin.estimation.repair import RepairOptions, repair
 from pwralign_kin.estimation.tree_search import TreeSearch
 
 
@@ -58,18 +57,16 @@ class SceneSearchOptions:
     """... so many of each region, ..."""
     kept_by_coverage: int = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
-    leaders: int = 3
-    """Distinct configurations, those that explain most, that are repaired a little before all are compared, ..."""
-    more_leaders: int = 6
-    """... and in further searches."""
-    rounds: int = 2
-    """Rounds of repair that each of them gets."""
-    focus: float = 0.35
-    """Points this near (model diagonals) to a configuration are looked at when it is repaired."""
-    finalists: int = 3
-    """Configurations that are repaired in the end, until one is convincing, ..."""
+    leaders: int = 8
+    """Configurations that are looked at closely, until one is convincing, ..."""
     apart: float = 0.1
-    """... their surfaces farther than this from each other: votes and sweeps are only for the best of a repair."""
+    """... their surfaces farther than this from each other, ..."""
+    focus: float = 0.35
+    """... with the points this near (model diagonals) to each of them."""
+    finalists: int = 2
+    """Looks, the best, whose answers are repaired, until one is convincing or sound, ..."""
+    rounds: int = 2
+    """... and rounds of repair that they get in the scene after that."""
 
     def scaled(self, factor: float) -> SceneSearchOptions:
         """Return the same with `factor` times the budgets that the regions share."""
@@ -78,13 +75,12 @@ class SceneSearchOptions:
 
 
 class RegionSearch:
-    """The search of all regions of one scene. It remembers what it has grown and repaired."""
+    """The search of all regions of one scene. It remembers what it has grown."""
 
     def __init__(
         self,
         search: TreeSearch,
         options: SceneSearchOptions,
-        repairing: RepairOptions,
         near: Float | None,
         *,
         pairs: bool,
@@ -96,14 +92,11 @@ class RegionSearch:
         """
         self.search = search
         self.options = options
-        self.repairing = repairing
         self.near = near
         self.pairs = pairs
         self.faces = faces
         self.grown: dict[int, tuple[Hypotheses, Candidates]] = {}
         """By source of hypotheses: the roots, and what grew from them."""
-        self.repaired: list[Candidates] = []
-        """Configurations that are not repaired again, nor what is like them."""
 
     def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         """Return refined configurations from all regions and from `outside` hypotheses; None without any hypothesis.
@@ -111,7 +104,7 @@ class RegionSearch:
         In a `further` search more is tried.
         """
         search = self.search
-        options = self.options.scaled(self.options.further) if further else self.options
+        options = self.options.scaled(max(1.0, self.options.further * search.effort)) if further else self.options
         sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
         found = [
             self._searched(options, source, hypotheses, share)
@@ -123,8 +116,7 @@ class RegionSearch:
         if self.near is not None:
             passing = [f.take(search.passes(f, self.near)) for f in found]
             found = [f for f in passing if len(f)] or found
-        refined = search.scored(search.refined(_chosen(search, options, found)))[0]
-        return Candidates.concatenate([refined, *_improved(search, options, self.repairing, refined, self.repaired)])
+        return search.scored(search.refined(_chosen(search, options, found)))[0]
 
     def _searched(self, options: SceneSearchOptions, source: int, roots: Hypotheses, share: float) -> Candidates:
         """Return configurations grown from placed parts and refined a little, best first."""
@@ -153,34 +145,6 @@ def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candida
     coverage = search.coverage(together, search.options.sift_points)
     most = np.argsort(-coverage, kind="stable")[: options.kept_by_coverage]
     return together.take(np.unique(np.concatenate([firsts, best, most])))
-
-
-def _improved(
-    search: TreeSearch,
-    options: SceneSearchOptions,
-    repairing: RepairOptions,
-    refined: Candidates,
-    earlier: list[Candidates],
-) -> Iterator[Candidates]:
-    """Yield what a little repair makes of the leaders, until one is convincing.
-
-    A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but it
-    explains more.
-    """
-    by_coverage = Candidates(refined.bases, refined.values, search.coverage(refined))
-    leaders = search.distinct(by_coverage, options.more_leaders + len(earlier), search.options.distinct)
-    short = replace(repairing, rounds=options.rounds, solutions=1)
-    new = unlike(search, leaders, earlier, search.options.distinct)
-    for rank in range(min(len(new), options.more_leaders if earlier else options.leaders)):
-        leader = new.take([rank])
-        if is_convincing(search, leader, options):
-            return
-        focused = search.about(leader, options.focus)
-        improved = search.scored(repair(focused, focused.scored(leader)[0], short, turn=False))[0]
-        earlier += [leader, improved]
-        yield improved
-        if is_convincing(search, improved, options):
-            return
 
 
 def _sources(

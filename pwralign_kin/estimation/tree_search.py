@@ -200,6 +200,10 @@ class TreeSearch:
             return self
         return self._with(replace(self.options, scene_points=self.options.near_points), near)
 
+    def of(self, observation: Observation) -> TreeSearch:
+        """Return the same search of another observation about the same centre."""
+        return TreeSearch(self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known)
+
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
         return TreeSearch(
             self.model, self.surfaces, self.observation, self.neutral, options, self.threads, self.known, searched
@@ -280,6 +284,11 @@ class TreeSearch:
     def many(self) -> bool:
         """Whether the model has so many parts that the search needs more of everything."""
         return len(self.exists) > self.options.many_parts
+
+    @property
+    def effort(self) -> float:
+        """Share of what is tried for a model of few parts: time grows with the number of parts."""
+        return min(1.0, self.options.many_parts / len(self.exists))
 
     @property
     def _per_part(self) -> int:

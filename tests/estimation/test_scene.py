@@ -11,13 +11,14 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.estimation import Correspondences
+from pwralign_kin.estimation.answer_search import AnswerSearch
 from pwralign_kin.estimation.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.correspondences import FpfhMatcher
 from pwralign_kin.estimation.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.repair import RepairOptions
-from pwralign_kin.estimation.scene import SceneOptions, is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of
 from pwralign_kin.estimation.scene_search import RegionSearch, SceneSearchOptions
+from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.estimation.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.se3 import inverse, transform
@@ -217,27 +218,49 @@ def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     assert searches == [False, False, True]
 
 
-def test_another_search_repairs_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    search = searching(excavator, observed(excavator, scene.scan))
-    few = SceneSearchOptions(anchors=150, roots=80, refined=40, leaders=2, more_leaders=2, rounds=1)
-    regions = RegionSearch(
-        search, replace(few, convincing=np.inf), RepairOptions(), None, pairs=True, faces=FaceOptions()
-    )
+def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_room_around_it(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search = searching(excavator, ready)
+    candidates = true_and_moved(excavator, scene, ready)
+    about = search.about(candidates.take([0]), SceneSearchOptions().focus)
 
-    for attempt in range(2):
-        regions.candidates(0, Hypotheses.nothing(), further=attempt > 0)
+    closely = search.of(close_up(ready, about.searched, ObservationOptions(), SceneOptions(), 2))
 
-    started = Candidates.concatenate(regions.repaired[::2])
-    assert len(started) == 4
-    assert len(search.distinct(started, 4, search.options.distinct)) == 4
+    assert not closely.observation.scene and closely.searched.all()
+    assert np.array_equal(closely.observation.points, ready.points[about.searched])
+    assert closely.explained_shares(closely.owners(candidates.take([0]), closely.exists)[1]).max() > 0.5
+    # Raised above everything, the model is where the camera sees walls behind.
+    raised = Candidates(candidates.bases[:1].copy(), candidates.values[:1], candidates.scores[:1])
+    raised.bases[0, :3, 3] += 0.5 * raised.bases[0, :3, 2]
+    true, wrong = (closely.scored(own)[1][0] @ closely.weights for own in (candidates.take([0]), raised))
+    assert true > -0.06 and wrong < 3 * true
+
+
+def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search = searching(excavator, ready)
+    astray = true_and_moved(excavator, scene, ready).take([0])
+    astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
+    answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+
+    closely = answers._closely(search.about(astray, SceneSearchOptions().focus))
+    found = closely._once(0, closely.search)
+
+    true = search.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
+    errors = np.linalg.norm(search.probe_positions(found) - true, axis=-1).mean(axis=1)
+    assert errors.min() < 0.01 < 0.03 < np.linalg.norm(search.probe_positions(astray) - true, axis=-1).mean()
 
 
 def test_another_search_grows_what_none_before_it_has_grown(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
-    few = SceneSearchOptions(anchors=150, roots=80, grown=1, refined=40, leaders=0, more_leaders=0, further=1.0)
-    regions = RegionSearch(search, few, RepairOptions(), None, pairs=True, faces=FaceOptions())
+    few = SceneSearchOptions(anchors=150, roots=80, grown=1, refined=40, further=1.0)
+    regions = RegionSearch(search, few, None, pairs=True, faces=FaceOptions())
 
     sizes = []
     for seed, further in ((0, False), (0, True), (1, True)):
