@@ -118,6 +118,8 @@ class Observation:
     """Median distance of a point to its sixth neighbour."""
     noise: float
     """Standard deviation of the given points from their local planes."""
+    line_gap: float
+    """Distance of the scan lines of a spinning sensor, where many points' neighbours are on their own line, else 0."""
     sensor_origin: Float | None
     """(3,) where the whole scan was seen from one place, else None."""
     field: Any
@@ -188,7 +190,7 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
-        noise, origin, field, centre, diagonal,
+        noise, gap, origin, field, centre, diagonal,
     )  # fmt: skip
 
 

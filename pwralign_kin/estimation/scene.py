@@ -176,6 +176,7 @@ def close_up(
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(scene.line_gap, preparing))
     field = _field(
         points, normals, weights, areas, regions, scene.raw, scene.sensor_origin, preparing, options, threads
     )
@@ -269,7 +270,7 @@ def _observed(
     )
     return Observation(
         points, normals, preparation.at_most(cells.raw, preparing.most_raw), given, given_normals, weights, areas,
-        regions, True, spacing, noise, cells.origin, field, cells.centre, cells.diagonal,
+        regions, True, spacing, noise, gap, cells.origin, field, cells.centre, cells.diagonal,
     )  # fmt: skip
 
 
