@@ -21,6 +21,12 @@ LEVELS = (
 )
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
 
+ESTIMATION = (
+    "stopwatch", "sensing", "knowledge", "search", "refinement", "evidence", "options", "result", "answers", "doubt",
+    "reporting", "estimator", "shared_base", "entry",
+)  # fmt: skip
+"""The folders and modules of the estimation, each on what stands before it."""
+
 ONLY_WHEN_CALLED = {
     "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs",
     "rich", "rosbags", "scipy", "trimesh", "xacrodoc", "yaml", "yourdfpy",
@@ -72,6 +78,16 @@ def test_imports_go_down_only(path: Path) -> None:
     names = {name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for name in _imported(node)}
     own = {name.split(".")[1] for name in names if name.startswith(f"{PACKAGE}.")}
     assert own <= allowed
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if _unit(path) == "estimation"], ids=_id)
+def test_the_estimation_is_built_up_in_order(path: Path) -> None:
+    importer = path.relative_to(ROOT / "estimation").with_suffix("").parts[0]
+    if importer == "__init__":
+        return
+    names = {name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for name in _imported(node)}
+    own = {name.split(".")[2] for name in names if name.startswith(f"{PACKAGE}.estimation.")}
+    assert own <= set(ESTIMATION[: ESTIMATION.index(importer) + 1])
 
 
 @pytest.mark.parametrize("path", FILES, ids=_id)

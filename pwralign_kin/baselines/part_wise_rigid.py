@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.dependencies import open3d
-from pwralign_kin.estimation.observation import Observation, ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, observe
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan

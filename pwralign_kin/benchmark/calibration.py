@@ -11,8 +11,8 @@ from pwralign_kin.benchmark.evidence import JointDoubt
 from pwralign_kin.benchmark.pictures import COLOURS, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
-from pwralign_kin.estimation import confidence
-from pwralign_kin.estimation.evidence import Evidence, logistic
+from pwralign_kin.estimation.evidence import confidence
+from pwralign_kin.estimation.evidence.evidence import Evidence, logistic
 from pwralign_kin.se3 import Array
 
 Groups = Mapping[str, Sequence[Outcome]]

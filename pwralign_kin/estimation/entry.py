@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import overload
 
-from pwralign_kin.estimation.correspondences import Correspondences
 from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.result import Estimate
-from pwralign_kin.estimation.shared_base import SharedBaseEstimate, estimate_shared_base
+from pwralign_kin.estimation.shared_base.shared_base import SharedBaseEstimate, estimate_shared_base
 from pwralign_kin.exceptions import StateError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan

@@ -10,25 +10,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import AnswerSearch
-from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.contest import contested
-from pwralign_kin.estimation.correspondences import Correspondences
-from pwralign_kin.estimation.equal_answers import equal_answers
-from pwralign_kin.estimation.evidence import Evidence, gathered
-from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
-from pwralign_kin.estimation.likelihood import likeliest
-from pwralign_kin.estimation.observability import Doubt, doubted
-from pwralign_kin.estimation.observation import Observation, observe, seen_through, was_prepared, without_far_points
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.answers.contest import contested
+from pwralign_kin.estimation.answers.equal_answers import equal_answers
+from pwralign_kin.estimation.doubt.observability import Doubt, doubted
+from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
+from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.knowledge.correspondences import Correspondences
+from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.prior import JOINT_REACH
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.likelihood import likeliest
+from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
-from pwralign_kin.estimation.scene import is_scene, observe_scene, surroundings_of
-from pwralign_kin.estimation.soundness import soundness
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.observation import (
+    Observation,
+    observe,
+    seen_through,
+    was_prepared,
+    without_far_points,
+)
+from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene, surroundings_of
 from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.estimation.surface_mixture import solved
-from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from numbers import Integral
 from typing import Any, Literal, get_args
 
-from pwralign_kin.estimation.correspondences import FpfhMatcher
-from pwralign_kin.estimation.face_hypotheses import FaceOptions
-from pwralign_kin.estimation.joint_least_squares import LeastSquaresOptions
-from pwralign_kin.estimation.observation import ObservationOptions
-from pwralign_kin.estimation.prior import BasePrior, Vector, checked_box, checked_numbers
-from pwralign_kin.estimation.reinterpretation import ReinterpretationOptions
-from pwralign_kin.estimation.repair import RepairOptions
-from pwralign_kin.estimation.scene import SceneOptions
-from pwralign_kin.estimation.scene_search import SceneSearchOptions
-from pwralign_kin.estimation.tree_search import SearchOptions
+from pwralign_kin.estimation.knowledge.correspondences import FpfhMatcher
+from pwralign_kin.estimation.knowledge.prior import BasePrior, Vector, checked_box, checked_numbers
+from pwralign_kin.estimation.refinement.joint_least_squares import LeastSquaresOptions
+from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
+from pwralign_kin.estimation.search.reinterpretation import ReinterpretationOptions
+from pwralign_kin.estimation.search.repair import RepairOptions
+from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
+from pwralign_kin.estimation.search.tree_search import SearchOptions
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.scene import SceneOptions
 from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.state import checked_joints
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answer_search import total_coverage
-from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.confidence import confidence
-from pwralign_kin.estimation.evidence import Evidence
-from pwralign_kin.estimation.joint_least_squares import JointLeastSquares, Solution
-from pwralign_kin.estimation.observability import Doubt
-from pwralign_kin.estimation.observation import Observation
+from pwralign_kin.estimation.answers.answer_search import total_coverage
+from pwralign_kin.estimation.doubt.observability import Doubt
+from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.options import EstimatorOptions, changed
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.estimation.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array

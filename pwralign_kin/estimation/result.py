@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.se3 import Array, quaternion_xyzw
 from pwralign_kin.state import State
 

@@ -24,8 +24,9 @@ from pwralign_kin.benchmark.calibration import (
 from pwralign_kin.benchmark.evidence import JointDoubt, joint_doubts
 from pwralign_kin.benchmark.metrics import Ruler, Score
 from pwralign_kin.benchmark.runs import Outcome
-from pwralign_kin.estimation import Estimate, confidence
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation import Estimate
+from pwralign_kin.estimation.evidence import confidence
+from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.state import State
 

@@ -6,8 +6,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark import foreign
-from pwralign_kin.estimation.confidence import confidence
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import Evidence
 
 
 def test_every_scan_is_of_something_else_and_about_as_large_as_the_model(twins: pk.ArticulatedModel) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 
 BAND = 0.06
 

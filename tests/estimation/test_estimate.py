@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation import Correspondences, answer_search
-from pwralign_kin.estimation.answer_search import AnswerSearch
-from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation import Correspondences
+from pwralign_kin.estimation.answers import answer_search
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.se3 import exp
 from pwralign_kin.simulation import TIERS, SimulatedScan

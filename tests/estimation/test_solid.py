@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.candidates import Candidates
-from pwralign_kin.estimation.tree_search import TreeSearch
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 
 # Boxes of the parts that other parts can come into, lowest and highest corner in the part's frame, m.
 BOXES = {

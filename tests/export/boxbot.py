@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pwralign_kin import se3
-from pwralign_kin.estimation.evidence import Evidence
+from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.result import Estimate, PartEstimate
 from pwralign_kin.model import ArticulatedModel, articulated_model
 from pwralign_kin.render import posed_mesh

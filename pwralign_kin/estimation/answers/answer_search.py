@@ -1,0 +1,520 @@
+"""The search for whole answers: hypotheses, growth, refinement and repair, as often as the effort and the scan ask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import gathered
+from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.knowledge.correspondences import Correspondences, oriented_pairs
+from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.search.continuation import priced
+from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
+from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
+from pwralign_kin.estimation.search.repair import repair
+from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.observation import Float
+from pwralign_kin.estimation.sensing.scene import close_up
+from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.exceptions import CorrespondenceError
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
+
+WARM_SIGMAS = (0.06, 0.03, 0.1)
+"""Robust scales (model diagonals) that a guess is refined from, until the answer is plainly right."""
+PLAIN_UNEXPLAINED = 0.004
+"""An answer that is plainly right leaves no greater share of the scan unexplained, ..."""
+PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.01, 0.1, 25
+"""... no more of the points farther from it than noise explains, be it of all points or of those of one part (or of so
+many, where it has fewer), ..."""
+PLAIN_SUPPORT = -0.12
+"""... and has no part that a single view speaks against by more."""
+NUDGES, NUDGED, NUDGE_SIGMA = 3, 4, 0.04
+"""How often in a row each joint of an answer near a guess is swept, at most, how many of the swept are then refined,
+and from which robust scale: refinement alone leaves joints at values from which no small step is better."""
+AGREED_DOUBT = 2.0
+"""How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
+UNCONVINCING = 0.015
+"""A solution that leaves more than this share of the scan unexplained is searched on."""
+WORTH_WIDE_BEAMS = 0.1
+"""Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
+NEAR_TIE = 0.08
+"""Solutions within this score of the best are refined to the end and compared again."""
+GROWN_FROM_BASE = 12
+"""Configurations that are grown from each placement of a known base."""
+REREADINGS, READINGS = 3, 5
+"""How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
+READING_GAIN = 0.001
+"""... as long as the scores that answers are ranked by gain this, ..."""
+SOUND = 0.85
+"""... and unless it is this sound."""
+SAMPLING, ANYWHERE, FINEST_REACH = 0.002, 0.02, 0.06
+"""Distance (model diagonals) that samples of the surface leave beside the noise, density of points that are not on the
+model against that of the noise at its peak, and distance beyond which all are alike."""
+AGREE = 0.01
+"""Two searches agree if the scores of their answers differ by less."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work a search may take."""
+
+    searches: int
+    """Searches with other samples, at most: ..."""
+    until_agreed: bool
+    """... until two agree, or else until one is convincing, in a scene until one has some confidence."""
+    repairs: int
+    """Rounds of repair, at most."""
+    wide_beams: bool
+    """Whether wide beams are tried where no answer is convincing and no two searches agree."""
+
+
+EFFORTS = {
+    "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
+    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
+    "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
+}
+"""What the names of `EstimatorOptions.effort` stand for."""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A close look at one candidate of a scene."""
+
+    focused: TreeSearch
+    """The scene about it."""
+    closely: AnswerSearch
+    """The search of what is about it as a scan of the model alone, ..."""
+    found: Candidates
+    """... what that found, ..."""
+    best: Candidates
+    """... and the best of these (one), scored in the scene."""
+
+
+class AnswerSearch:
+    """The search for the answers to one scan."""
+
+    def __init__(
+        self,
+        model: ArticulatedModel,
+        search: TreeSearch,
+        options: EstimatorOptions,
+        correspondences: Correspondences | None,
+        watch: Stopwatch,
+    ) -> None:
+        """Take the prepared search, and correspondences of other sources."""
+        self.model = model
+        self.search = search
+        self.options = options
+        self.effort = EFFORTS[options.effort]
+        self.repairing = replace(options.repair, rounds=min(options.repair.rounds, self.effort.repairs))
+        self.correspondences = correspondences
+        self.watch = watch
+        near = options.near
+        self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
+
+    def without_guess(self) -> Candidates:
+        """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
+
+        Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
+        answers are compared so. Wide beams take more time than another search: they come last.
+        """
+        if self.search.observation.scene:
+            return self._in_scene()
+        several: list[Candidates] = []
+        for attempt in range(self.effort.searches):
+            search = self.search if attempt == 0 else self.search.tolerant()
+            several.append(self._once(self.options.seed + attempt, search))
+            several = [search.scored(found)[0].best_first() for found in several]
+            best = self._distinct(several)
+            if self._is_settled(best, several):
+                return best
+        with self.watch.stage("repair"):
+            return self._widely_repaired(search, best)
+
+    def from_guess(self, base: Array, values: Array) -> Candidates:
+        """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
+        search = self.search
+        start = Candidates.single(base, values)
+        with self.watch.stage("refinement"):
+            found: list[Candidates] = []
+            for sigma in WARM_SIGMAS:
+                found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
+                if is_plainly_right(search, found[-1]):
+                    return found[-1]
+            refined = Candidates.concatenate(found).best_first()
+            agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
+            if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
+                return refined.take([0])
+            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong; and a scene
+            # always leaves points unexplained.
+            if not (search.observation.scene or is_explained(search, refined.take([0]))):
+                refined = Candidates.concatenate([self._nudged(refined.take([0])), refined])
+                if is_plainly_right(search, refined.take([0])):
+                    return refined.take([0])
+        with self.watch.stage("repair"):
+            first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, search))
+            if is_plainly_right(search, first.take([0])):
+                return first
+            solutions = self._widely_repaired(search, self._reinterpreted(search, first))
+        # Things may touch the model in a scene.
+        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
+        if search.unexplained(solutions.take([0])) > tolerated:
+            return self._distinct([solutions, self.without_guess()])
+        return solutions
+
+    def _nudged(self, answer: Candidates) -> Candidates:
+        """Return one answer with joints moved to where they are better, until it is plainly right or nothing gains."""
+        search = self.search
+        joints = np.arange(answer.values.shape[1], dtype=np.int32)
+        for _ in range(NUDGES):
+            moved = search.swept(answer, joints, np.zeros(len(joints), bool), keep=1).best_first()
+            refined = search.refined(moved.take(slice(NUDGED)), sigma=NUDGE_SIGMA)
+            before, answer = answer, Candidates.concatenate([answer, search.scored(refined)[0]]).best_first().take([0])
+            gained = answer.scores[0] > before.scores[0] + self.repairing.gain
+            if not gained or is_plainly_right(search, answer):
+                break
+        return answer
+
+    def finished(self, solutions: Candidates) -> Candidates:
+        """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
+        search = self.search
+        if self.near is not None:
+            passing = solutions.take(search.passes(solutions, self.near))
+            solutions = passing if len(passing) else solutions
+        near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
+        points = search.options.fine_points
+        fine = search.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        if not search.observation.single_view:
+            # Parts that the scan lacks must not be pulled to their neighbours' points.
+            absent = search.exists & (search.scored(fine)[1] < 0.2)
+            again = absent.any(axis=1)
+            if again.any():
+                weights = np.ascontiguousarray(search.weights * ~absent[again], np.float32)
+                mended = search.refined(
+                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
+                )
+                fine.bases[again], fine.values[again] = mended.bases, mended.values
+        return priced(search, ranked(search, fine)).best_first() if search.observation.scene else ranked(search, fine)
+
+    def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
+        """Return whether another search would be in vain."""
+        as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
+        if as_good > 1:
+            return True
+        return not self.effort.until_agreed and self._is_convincing(best.take([0])) and self._is_close(best.take([0]))
+
+    def _is_convincing(self, best: Candidates) -> bool:
+        """Return whether an answer leaves little unexplained that parts of it lack."""
+        if self.search.observation.scene:
+            return is_convincing(self.search, best, self.options.scene_search)
+        # A scan that holds more than the model leaves something unexplained however good the answer.
+        if self.search.is_contradicted(best):
+            return False
+        return self._lacking(best) <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
+
+    def _lacking(self, best: Candidates) -> float:
+        """Return the share of the model's surface in parts that explain too little."""
+        return float(self.search.weights[self.search.lacks(best)].sum())
+
+    def _is_close(self, best: Candidates) -> bool:
+        """Return whether an answer that lacks parts lies as close to the scan as a right one would."""
+        if self.search.observation.scene or self._lacking(best) <= WORTH_WIDE_BEAMS:
+            return True
+        return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
+
+    def _once(self, seed: int, search: TreeSearch) -> Candidates:
+        """Search a scan of the model."""
+        found = self._found(seed, search)
+        with self.watch.stage("repair"):
+            return self._narrowly_repaired(search, found, turn=True)
+
+    def _found(self, seed: int, search: TreeSearch, start: Candidates | None = None) -> Candidates:
+        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
+        with self.watch.stage("hypotheses"):
+            hypotheses = self._hypotheses(seed)
+            if len(hypotheses.parts) == 0:
+                if start is not None:
+                    return start
+                raise self._nothing_placed
+        with self.watch.stage("growth"):
+            grown = search.grow(hypotheses, search.options.beam)
+            if search.known.near:
+                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
+                grown = Candidates.concatenate([from_base, grown])
+        with self.watch.stage("refinement"):
+            kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
+            if start is not None:
+                kept = Candidates.concatenate([start, kept])
+            return search.scored(search.refined(kept))[0]
+
+    def _in_scene(self) -> Candidates:
+        """Search a scene, region by region, and repair what is found, until an answer is sound."""
+        options = self.options.scene_search
+        regions = RegionSearch(
+            self.search, options, self.near, pairs="pairs" in self.options.sources,
+            faces=self.options.faces if "faces" in self.options.sources else None,
+        )  # fmt: skip
+        several: list[Candidates] = []
+        answers: list[Candidates] = []
+        for attempt in range(self.effort.searches):
+            seed = self.options.seed + attempt
+            with self.watch.stage("regions"):
+                found = regions.candidates(seed, self._outside(seed), further=attempt > 0)
+            if found is None:
+                raise self._nothing_placed
+            several.append(found)
+            left = unlike(self.search, Candidates.concatenate(several), answers, options.apart).best_first()
+            if len(left):
+                with self.watch.stage("repair"):
+                    answers.append(self._repaired_one_by_one(left))
+            best = self._distinct(answers)
+            if self._is_sound(best):
+                break
+        return best
+
+    def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
+        """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
+        one answer is convincing or sound."""
+        search, options = self.search, self.options.scene_search
+        short = replace(self.repairing, rounds=options.rounds)
+        looks = sorted(self._looks(candidates), key=lambda look: -look.best.scores[0])
+        several = []
+        for look in looks[: max(1, round(options.finalists * search.effort))]:
+            repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
+            solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
+            # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
+            several.append(self._distinct([look.best, priced(search, search.scored(solutions)[0])]))
+            if self._is_convincing(several[-1].take([0])) or self._is_sound(several[-1]):
+                break
+        return self._distinct(several)
+
+    def _looks(self, candidates: Candidates) -> Iterator[_Look]:
+        """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
+        one is convincing.
+
+        A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
+        it explains more.
+        """
+        search, options = self.search, self.options.scene_search
+        scored = priced(search, candidates)
+        rankings = scored, Candidates(scored.bases, scored.values, search.coverage(scored))
+        seen: list[Candidates] = []
+        for rank in range(max(1, round(options.leaders * search.effort))):
+            left = unlike(search, rankings[rank % 2], seen, options.apart)
+            if len(left) == 0:
+                return
+            leader = left.best_first().take([0])
+            focused = search.about(leader, options.focus)
+            closely = self._closely(focused)
+            found = closely._found(self.options.seed, closely.search, leader)
+            best = priced(search, search.scored(found)[0]).best_first().take([0])
+            seen += [leader, best]
+            yield _Look(focused, closely, found, best)
+            if self._is_convincing(best):
+                return
+
+    def _closely(self, focused: TreeSearch) -> AnswerSearch:
+        """Return a search that takes the `focused` points of a scene for a scan of the model alone.
+
+        Among so much less, more hypotheses are about the model, and all that is near it should be explained.
+        """
+        options, scene = self.options, self.search.observation
+        view = close_up(scene, focused.searched, options.observation, options.scene, self.search.threads)
+        watch = Stopwatch(self.watch.progress)
+        return AnswerSearch(self.model, self.search.of(view), options, self.correspondences, watch)
+
+    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
+        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+
+    def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
+        best = solutions.take([0])
+        right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
+        if right or not self.effort.wide_beams:
+            return solutions
+        # Wide beams take their time: they are for the few solutions that are nearly right.
+        few = replace(self.repairing, early_rounds=0)
+        return self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
+
+    def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
+        """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
+        for _ in range(REREADINGS):
+            if search.observation.scene or self._soundness(search, solutions) >= SOUND:
+                break
+            best = self._read_otherwise(search, solutions.take([0]))
+            if best is None:
+                break
+            others = unlike(search, solutions, [best], search.options.distinct)
+            few = replace(self.repairing, rounds=1)
+            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
+            before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+            if after < before + READING_GAIN:
+                break
+            solutions = read
+        return solutions
+
+    def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
+        """Return a better configuration with nearly the same surface, None if none is found.
+
+        The tight score decides as well: the surfaces differ by little.
+        """
+        # What refinement alone would gain is no merit of another reading.
+        best = start = ranked(search, refined_both_ways(search, solution)).take([0])
+        for _ in range(READINGS):
+            found = reinterpreted(self.model, search, best, self.options.reinterpretation)
+            if found is None:
+                break
+            better = ranked(search, Candidates.concatenate([best, found])).take([0])
+            if better.scores[0] < best.scores[0] + READING_GAIN:
+                break
+            best = better
+        return search.scored(best)[0] if best is not start else None
+
+    def _is_sound(self, solutions: Candidates) -> bool:
+        """Return whether the best of several answers to a scene is worth no further search."""
+        evidence = gathered(self.search, solutions.take([0]), solutions)
+        options = self.options.scene_search
+        if evidence.continued > options.continued or confidence(evidence) < options.confident:
+            return False
+        return soundness(evidence) >= options.sound
+
+    def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
+        """Return how sound the best of several solutions is."""
+        return soundness(gathered(search, solutions.take([0]), solutions))
+
+    def _distinct(self, several: list[Candidates]) -> Candidates:
+        together = Candidates.concatenate(several)
+        return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
+
+    def _hypotheses(self, seed: int) -> Hypotheses:
+        """Return the part hypotheses that are grown.
+
+        Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
+        than small ones that lie anywhere on it.
+        """
+        search, sources = self.search, self.options.sources
+        found = self._outside(seed)
+        if "pairs" in sources:
+            found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+        promising = search.promising(found)
+        if "faces" not in sources:
+            return promising
+        largest = search.largest_parts(search.options.root_parts)
+        return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
+
+    def _outside(self, seed: int) -> Hypotheses:
+        """Return part hypotheses from correspondences: those given, and those of the built-in features."""
+        search = self.search
+        given = [] if self.correspondences is None else [self.correspondences]
+        if "fpfh" in self.options.sources:
+            largest = search.largest_parts(search.options.root_parts)
+            given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
+        oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
+        return Hypotheses.concatenate(
+            [Hypotheses.nothing(), *(search.correspondence_hypotheses(pairs, seed) for pairs in oriented)]
+        )
+
+    @property
+    def _nothing_placed(self) -> CorrespondenceError:
+        if not self.options.sources:
+            fault = "no part could be placed in the scan: without sources only correspondences do, and none does"
+            return CorrespondenceError("estimate", fault)
+        return CorrespondenceError(
+            "estimate",
+            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
+            "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
+        )
+
+
+def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it.
+
+    `doubt` times as many points as usual may speak against it.
+    """
+    if not is_explained(search, candidate, doubt):
+        return False
+    support = search.scored(candidate)[1][0]
+    if search.poorly_supported(support).any():
+        return False
+    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
+
+
+def is_explained(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
+    """Return whether one candidate explains all points of its scan but for a few, or `doubt` times as many."""
+    if search.observation.scene:
+        return False  # what else the scene holds hides what is wrong
+    distance, owner = search.owners(candidate, search.exists)
+    if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
+        return False
+    off = off_surface(search, distance)
+    points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
+    off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
+    return bool(
+        off.mean() <= doubt * PLAIN_OFF
+        and (off_part <= doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all()
+    )
+
+
+def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which of the distances of scan points from the model are beyond what noise explains."""
+    return np.asarray(distance > search.noise_reach)
+
+
+def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
+    return Candidates(candidates.bases, candidates.values, ranks(search, candidates)).best_first()
+
+
+def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the scores that `ranked` ranks by."""
+    both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
+    return np.asarray(both_ways + finest(search, candidates), np.float32)
+
+
+def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the part of these scores that is coverage of the scan."""
+    covered = search.scored_both_ways(candidates, _tight(search, candidates))[1]
+    return np.asarray(search.coverage_scale * covered, np.float32)
+
+
+def _tight(search: TreeSearch, candidates: Candidates) -> float:
+    """Return the distance of the tight score, the first candidate being the best known."""
+    blur = search.observation.noise
+    if search.observation.scene:
+        # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
+        blur = max(blur, search.residual(candidates.take([0])))
+    return 0.012 + 1.5 * min(blur, 0.012)
+
+
+def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
+    """Return the mean logarithm of the likelihood of the scan's points, each on the model but for noise, or anywhere.
+
+    Where a small part is wrong, other surface often lies so near to its points that wider scores hardly see it.
+    """
+    if search.observation.scene:
+        return np.zeros(len(candidates), np.float32)  # most of it is other things
+    placements = search.part_placements(candidates)
+    distances = search.distances(search.observation.given, placements, search.exists, FINEST_REACH)
+    return np.asarray(_log_likelihoods(search, distances, distances[0]).mean(axis=1), np.float32)
+
+
+def point_likelihoods(search: TreeSearch, candidate: Candidates) -> tuple[Float, NDArray[np.int32]]:
+    """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
+    that it is nearest to."""
+    placements = search.part_placements(candidate)[0]
+    distances, part = search.assigned(search.observation.given, placements, search.exists, FINEST_REACH)
+    return _log_likelihoods(search, distances, distances), part
+
+
+def _log_likelihoods(search: TreeSearch, distances: Float, of_best: Float) -> Float:
+    # The noise counts, and what a bent scan leaves beside it.
+    noise = np.hypot(max(search.observation.noise, search.residual_of(of_best)), SAMPLING)
+    return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -1,0 +1,109 @@
+"""The last word on an answer: whether a rival that the points do not tell from it, or prefer, takes its place.
+
+The search goes by what the scan shows of the model as well as by what the model explains of the scan. Where pieces of
+the surface are missing, the first speaks against the truth; how closely the points lie on an answer does not. And no
+step of any search leads over the gap between the limits of a joint that turns nearly all around.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pwralign_kin.estimation.answers.answer_search import finest, ranks
+from pwralign_kin.estimation.answers.mending import mended
+from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+
+DISTINCT = 2.0
+"""Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
+GAIN = 0.005
+"""What a rival must gain of the scores that answers are ranked by, ..."""
+TIE, TIES = 0.01, 3
+"""... and how much less it may have of them, and how many such rivals are looked at, if the points prefer it, ..."""
+LIKELIER, ROUGHLY = 6.0, 3.0
+"""... by this much of the logarithm of their likelihood on the model's own triangles, if it is not less by so much when
+samples of the surface stand for them."""
+AT_LIMIT = 1e-6
+"""A joint this near to its limit (rad) is held there."""
+GAP = float(np.radians(90.0))
+"""Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
+
+
+def contested(
+    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
+) -> Candidates | None:
+    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
+
+    `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
+    such rival, and in a scene, where most points are of other things.
+    """
+    search = solver.search
+    if search.observation.scene or search.known.held:
+        return None
+    better = mended(solver.model, search, final)
+    final = final if better is None else better  # which has its rivals too
+    rivals = _across_limits(solver, final)
+    if evidence.distinct < DISTINCT:
+        rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
+    won = _better(search, final, rivals)
+    if won is None:
+        won = _likelier(solver, final, finished, equal)
+    won = better if won is None else won
+    return None if won is None else Candidates.concatenate([won, finished])
+
+
+def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:
+    """Return the best of the rivals, refined, if its scores are better than those of the final configuration."""
+    if len(rivals) == 0:
+        return None
+    # What refinement alone would gain is no merit of a rival.
+    settled, refined = refined_both_ways(search, final), refined_both_ways(search, rivals)
+    both = Candidates.concatenate([settled, refined])
+    scores = ranks(search, both)
+    best = int(np.argmax(scores))
+    if scores[best] < scores[: len(settled)].max() + GAIN:
+        return None
+    return Candidates(both.bases, both.values, scores).take([best])
+
+
+def _likelier(
+    solver: JointLeastSquares, final: Candidates, finished: Candidates, equal: Candidates
+) -> Candidates | None:
+    """Return which of the other answers that `finished` with nearly the same scores the points clearly prefer."""
+    search = solver.search
+    near = finished.take(finished.scores >= finished.scores[0] - TIE)
+    known = Candidates.concatenate([final, equal])
+    several = Candidates.concatenate([known, near])
+    in_order = Candidates(several.bases, several.values, -np.arange(len(several), dtype=np.float32))
+    distinct = search.distinct(in_order, len(several), search.options.distinct)
+    order = np.rint(-distinct.scores).astype(np.int64) - len(known)
+    rivals = near.take(order[order >= 0][:TIES])
+    if len(rivals) == 0:
+        return None
+    together = Candidates.concatenate([final, rivals])
+    rough = finest(search, together) * len(search.observation.given)
+    together = together.take(np.append(0, np.flatnonzero(rough[1:] > rough[0] - ROUGHLY) + 1))
+    if len(together) == 1:
+        return None
+    likelihoods = log_likelihoods(solver, together)
+    best = int(np.argmax(likelihoods))
+    return together.take([best]) if likelihoods[best] > likelihoods[0] + LIKELIER else None
+
+
+def _across_limits(solver: JointLeastSquares, final: Candidates) -> Candidates:
+    """Return the final configuration with each joint that is held at a limit at its other limit, if that is near.
+
+    Joints that turn nearly all around stop at a limit on the way to a value beyond the other.
+    """
+    values, lower, upper = final.values[0], solver.lower, solver.upper
+    gap = 2.0 * np.pi - (upper - lower)
+    turns = ~solver.model.prismatic & ~solver.locked & (gap > 0.0) & (gap < GAP)
+    other = np.where(values < lower + AT_LIMIT, upper, lower)
+    held = np.flatnonzero(turns & ((values < lower + AT_LIMIT) | (values > upper - AT_LIMIT)))
+    turned = np.tile(values, (len(held), 1))
+    turned[np.arange(len(held)), held] = other[held]
+    return Candidates(np.tile(final.bases, (len(held), 1, 1)), turned, np.zeros(len(held), np.float32))

@@ -1,0 +1,155 @@
+"""An answer mended where a part lies off its points: the part, or what it hangs on, held otherwise.
+
+A small part at the end of a limb explains so few points that the scores of whole answers hardly tell where it is, and
+no joint of its own leads to its place if the part that it hangs on is turned the wrong way round, which of a box
+nothing else tells. How closely the part's own points lie on it does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.answers.answer_search import SAMPLING, finest, point_likelihoods, ranked, ranks
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
+from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
+
+Ints = NDArray[np.int64]
+
+LESS, LESS_EACH = 8.0, 0.3
+"""By how much the logarithm of the likelihood of a part's points must be less than that of as many usual ones, and by
+how much of each point on average, for the part to be off them."""
+PARTS, ROUNDS = 2, 6
+"""Parts that are mended at a time, those first that are most off their points, and times in a row, ..."""
+GAIN = 0.002
+"""... as long as the scores that answers are ranked by gain this, ..."""
+MOSTLY = 0.5
+"""... and the likelihood of all points this share of what that of the part's own is less."""
+BENT = 1.5
+"""How many times as far from an answer as noise explains the points may be: farther in bent scans, where parts lie off
+their points in the right answer too."""
+UP = 2
+"""How many parts with surface farther up a limb is cut and held otherwise."""
+WAYS, HELD, SWEPT, REFINED = 8, 16, 3, 32
+"""Ways in which what is cut is grown anew, how many of all ways to hold a part its own joints are swept in, values that
+each sweep keeps, and how many configurations are refined."""
+APART = 0.015
+"""Displacement of one part (model diagonals) from which on two configurations are not the same."""
+
+
+def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> Candidates | None:
+    """Return a better configuration than `answer` (one), with other values in limbs that lie off their points.
+
+    None if no part does, or none is found, and in a bent scan.
+    """
+    if search.residual(answer) > BENT * np.hypot(search.observation.noise, SAMPLING):
+        return None
+    mender = _Mender(model, search)
+    found = None
+    for _ in range(ROUNDS):
+        parts, less = off_points(search, answer)
+        if len(parts) == 0:
+            break
+        # What refinement alone would gain is no merit of a repair.
+        start = ranked(search, answer if found is not None else refined_both_ways(search, answer)).take([0])
+        tried = [start, *(refined_both_ways(search, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
+        several = Candidates.concatenate(tried)
+        scores, likelihoods = ranks(search, several), finest(search, several) * len(search.observation.given)
+        needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
+        likely = np.flatnonzero(likelihoods >= likelihoods[0] + needed)
+        best = likely[np.argmax(scores[likely])]
+        if scores[best] < scores[0] + GAIN:
+            break
+        found = answer = Candidates(several.bases, several.values, scores).take([best])
+    return found
+
+
+def off_points(search: TreeSearch, answer: Candidates) -> tuple[Ints, Array]:
+    """Return the parts whose points lie off them more than the points of others, the worst first, and by how much the
+    logarithm of the likelihood of their points is less than that of as many usual ones."""
+    likelihoods, part = point_likelihoods(search, answer)
+    count = len(search.exists)
+    points = np.bincount(part[part >= 0], minlength=count)
+    each = np.bincount(part[part >= 0], likelihoods[part >= 0], count) / np.maximum(points, 1)
+    less = np.median(each[points > 0]) - each if points.any() else np.zeros(count)
+    off = 1 + np.flatnonzero(((less > LESS_EACH) & (less * points > LESS))[1:])  # the first part hangs on nothing
+    off = off[np.argsort(-(less * points)[off], kind="stable")]
+    return off, (less * points)[off]
+
+
+class _Mender:
+    """Holds parts of one model otherwise."""
+
+    def __init__(self, model: ArticulatedModel, search: TreeSearch) -> None:
+        self.search, self.symmetry = search, model.symmetry
+        self.closing = JointClosing(model, search.model)
+        self.chains = {chain.below: chain for chain in chains_between(model)}
+
+    def ways_of(self, answer: Candidates, part: int) -> Candidates:
+        """Return the likeliest configurations in which a part is elsewhere, with what hangs on it."""
+        search, held = self.search, self._held_otherwise(answer, part)
+        apart = APART / int(search.exists.sum())
+        swept = self._swept(search.distinct(search.scored(held)[0], HELD, apart), part)
+        return search.distinct(search.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
+
+    def _held_otherwise(self, answer: Candidates, part: int) -> Candidates:
+        """Return the answer, and others in which a limb that ends with `part`, or begins with it, is held otherwise."""
+        found, lower, onward = [answer], part, np.flatnonzero(self.search.parent == part).tolist()
+        for _ in range(UP + 1):
+            above, cut = self._above(lower)
+            if above < 0:
+                break
+            found.append(self._regrown(answer, above, cut))
+            if lower in self.chains:
+                turned = self._turned(answer, lower, self.chains[lower])
+                found += [turned, *(self._regrown(turned, lower, below) for below in onward)]
+            lower, onward = above, [cut]
+        return Candidates.concatenate(found)
+
+    def _above(self, part: int) -> tuple[int, int]:
+        """Return the next part with surface above one, -1 if none has, and the part below that on the way."""
+        parent, exists = self.search.parent, self.search.exists
+        cut = part
+        while cut > 0 and not exists[parent[cut]]:
+            cut = int(parent[cut])
+        return (int(parent[cut]), cut) if cut > 0 else (-1, cut)
+
+    def _turned(self, answer: Candidates, part: int, chain: Chain) -> Candidates:
+        """Return the answer with a part turned by the motions that map it onto itself, or nearly do, as its joints let
+        it."""
+        placements = self.search.part_placements(answer)[0]
+        turns = np.concatenate([self.symmetry.replacements(part, part)[1:], self.symmetry.nearly[part]])
+        if len(turns) == 0:
+            return answer.take(slice(0, 0))
+        found, fits = self.closing.values(chain.joints, placements[chain.above], placements[part] @ turns)
+        values = np.tile(answer.values, (int(fits.sum()), 1))
+        values[:, [joint.actuated for joint in chain.joints]] = found[fits]
+        return Candidates(np.tile(answer.bases, (len(values), 1, 1)), values, np.zeros(len(values), np.float32))
+
+    def _regrown(self, several: Candidates, above: int, cut: int) -> Candidates:
+        """Return the configurations with all from `cut` on, which hangs on `above`, grown anew."""
+        search, count = self.search, len(several)
+        return Candidates(
+            *search.native.regrow(
+                several.bases, several.values, np.arange(count, dtype=np.int32), np.full(count, above, np.int32),
+                np.full(count, cut, np.int32), np.tile(search.weights, (count, 1)), WAYS,
+            )
+        )  # fmt: skip
+
+    def _swept(self, several: Candidates, part: int) -> Candidates:
+        """Return the configurations with the joint that a part hangs on swept, together with that before it where no
+        surface lies between them."""
+        search, count = self.search, len(several)
+        joint, before = (int(search.model.actuated[i]) for i in (part, search.parent[part]))
+        pair = search.parent[part] > 0 and not search.exists[search.parent[part]] and joint != before
+        first, second = (before, joint) if pair else (joint, -1)
+        return Candidates(
+            *search.native.sweep(
+                several.bases, several.values, np.arange(count, dtype=np.int32), np.full(count, first, np.int32),
+                np.zeros(count, np.uint8), np.full(count, second, np.int32), SWEPT,
+            )
+        )  # fmt: skip

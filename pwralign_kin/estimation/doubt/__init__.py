@@ -1,0 +1,1 @@
+"""How sure each joint is, and which ones the scan does not tell."""

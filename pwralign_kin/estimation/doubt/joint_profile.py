@@ -1,0 +1,129 @@
+"""Joints that the points tell little of, compared at all their values.
+
+The slope of the surface at one value says little of a nearly round base: its few bolts and edges tell the value, but an
+answer may stand at the wrong one, from where no least squares leads to the right one. So it is with parts that few or
+noisy points lie on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.se3 import Array, inverse
+
+MOST_STD = 3.0
+"""A residual of more standard deviations counts as one of so many: a point of something else."""
+UNMOVED = 1e-9
+"""Placements that differ by less are the same."""
+APART = 2.5
+"""Values farther apart than this many probe motions are different answers."""
+RIVALS = 2
+"""Other answers that are worth a closer look, at most."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How well one joint's values explain the points near the model."""
+
+    bases: Array
+    values: Array
+    """The configurations (m, 4, 4), (m, k) with the joint at its best value and at the best of those that are other
+    answers, search units."""
+    behind: Array
+    """(m,) log-likelihood of the best value over that of each."""
+    gain: float
+    """Log-likelihood of the best value over that of the value before."""
+    margin: float
+    """Log-likelihood of the best value over the best of those that are another answer; infinite without any."""
+    spread: float
+    """Log-likelihood of the best value over the worst."""
+
+
+def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors) -> Profile:
+    """Compare all values of one joint within its limits, the side with more points held in place.
+
+    Points have independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
+    """
+    search = solver.search
+    here = Candidates.single(base, values)
+    T = search.part_placements(here)[0]
+    distance, owner = _distances(search, search.observation.given, T, search.exists)
+    owned = np.bincount(owner[distance < search.reach], minlength=len(T))
+    tried, steps = _tried(solver, values, joint)
+    turned = np.tile(values, (len(tried), 1))
+    turned[:, joint] = tried
+    bases = np.tile(base, (len(tried), 1, 1))
+    placed = search.part_placements(Candidates(bases, turned, np.zeros(len(tried), np.float32)))
+    # By the value next to this one: a full turn brings everything back.
+    next_to = int(np.argmin(np.where(steps == 0, np.inf, np.abs(steps))))
+    moves = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
+    if owned[moves].sum() > 0.5 * owned.sum():
+        first = int(np.argmax(moves))
+        back = T[first] @ inverse(placed[:, first])
+        bases, placed = back @ bases, back[:, None] @ placed
+        moves = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
+    # What the other side explains it explains whatever the value is.
+    on_side = (owner >= 0) & moves[owner]
+    points = np.ascontiguousarray(search.observation.given[on_side])
+    otherwise = _distances(search, points, T, search.exists & ~moves)[0]
+    moved = search.distances(points, placed, search.exists & moves, search.options.near).astype(float)
+    left = np.minimum(moved, otherwise)
+    variance = errors.noise**2 + errors.systematic**2
+    cost = np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) / (2.0 * POINTS_AS_ONE)
+    count = len(cost) if solver.model.continuous[joint] else None
+    modes = _modes(cost, steps, count)
+    others = cost[_away(steps, modes[0], count) > APART]
+    return Profile(
+        bases[modes],
+        turned[modes],
+        cost[modes] - cost.min(),
+        float(cost[steps == 0][0] - cost.min()),
+        float(others.min() - cost.min()) if len(others) else float("inf"),
+        float(np.ptp(cost)),
+    )
+
+
+def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:
+    """Return the index of the least cost, and those of the least others that are least among their neighbours."""
+    left = np.pad(cost, 1, mode="wrap") if count is not None else np.pad(cost, 1, constant_values=np.inf)
+    least = (cost <= left[:-2]) & (cost <= left[2:])
+    modes: list[int] = []
+    for index in np.flatnonzero(least)[np.argsort(cost[least], kind="stable")]:
+        if all(_away(steps, other, count)[index] > APART for other in modes):
+            modes.append(int(index))
+    return modes[: 1 + RIVALS]
+
+
+def _away(steps: NDArray[np.int64], index: int, count: int | None) -> NDArray[np.int64]:
+    """Return how many steps all values are from one, where `count` of them may be a full turn."""
+    away: NDArray[np.int64] = np.abs(steps - steps[index])
+    return away if count is None else np.minimum(away, count - away)
+
+
+def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return values of a joint (m,) within its limits, and how many probe motions they are from the one it has."""
+    step = PROBE_SLIDE if solver.model.prismatic[joint] else PROBE_TURN
+    if solver.model.continuous[joint]:
+        count = round(2.0 * np.pi / step)
+        steps = np.arange(count) - count // 2
+    else:
+        most = 2.0 * np.pi / PROBE_TURN
+        below = min((values[joint] - solver.lower[joint]) / step, most)
+        above = min((solver.upper[joint] - values[joint]) / step, most)
+        steps = np.arange(-int(below), int(above) + 1)
+    return values[joint] + step * steps, steps
+
+
+def _distances(
+    search: TreeSearch, points: NDArray[np.float32], placements: Array, parts: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.int32]]:
+    """Return of points how far they are from the nearest of `parts` of a posed model, and which it is."""
+    distance, owner = search.assigned(points, placements, parts, search.options.near)
+    return distance.astype(float), owner

@@ -1,0 +1,141 @@
+"""Which joints the scan determines, and how well; the others keep their prior value where that costs nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.answers.answer_search import finest
+from pwralign_kin.estimation.doubt.joint_profile import profiled
+from pwralign_kin.estimation.doubt.uncertainty import (
+    PROBE_SLIDE,
+    PROBE_TURN,
+    WEAK_DISPLACEMENT,
+    Errors,
+    covariance,
+    inverse_covariance,
+    observed_errors,
+    probe_displacements,
+    undetermined_joints,
+)
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
+from pwralign_kin.estimation.refinement.surface_mixture import solved
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.se3 import Array, inverse
+
+NO_COST = 0.004
+"""Score that an undetermined joint may cost when it is set to its prior, ..."""
+NO_POINTS = 3.0
+"""... and scan points that it may leave unexplained, ..."""
+NO_SUPPORT = 0.15
+"""... and support that it may cost any one part: that of a small part is little of the score, ..."""
+NO_LIKELIHOOD = 5.0
+"""... and logarithm of the likelihood of all scan points."""
+NO_RIVAL = 6.0
+"""Log-likelihood by which the best value of a weakly determined joint must be better than all others, ..."""
+BETTER = 3.0
+"""... and by which another value must be better than the one found, by the likelihood of all points."""
+CHOICES = 2
+"""The likeliest other values, by samples of the surface, among which its triangles choose."""
+LOOSE = 1.0 / 3.0
+"""Standard deviation of a joint, in units of its probe motion, from which on its other values are compared: noise may
+have led to the wrong one."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What the scan does not tell, in search units."""
+
+    undetermined: NDArray[np.bool_]
+    """(k,) joints."""
+    covariance: Array
+    """(6 + k, 6 + k) of base twist and joints; zero rows where undetermined."""
+
+
+def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tuple[Solution, Doubt]:
+    """Find the joints that the scan does not tell, and give them their `prior` value (k,) where that costs nothing."""
+    search, final = solver.search, solution.configuration
+    errors = observed_errors(search, final, solution.problem)
+    # Points of its neighbours touch a part that the scan lacks.
+    absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
+    displacement = probe_displacements(solution.problem, absent, solver.model.prismatic, solver.locked)
+    undetermined = undetermined_joints(displacement, solver.locked, errors)
+    weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
+    probe = np.where(solver.model.prismatic, PROBE_SLIDE, PROBE_TURN)
+    H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
+    std = np.sqrt(np.diag(covariance(H, solver.locked, undetermined))[6:])
+    loose = weak | (std > LOOSE * probe)
+    if loose.any():
+        solution, sure = _compared(solver, solution, np.flatnonzero(loose), errors)
+        undetermined &= ~sure
+    if undetermined.any():
+        base, values = solution.base, solution.values.copy()
+        for joint in np.flatnonzero(undetermined):
+            base, values = _at_prior(solver, base, values, int(joint), prior)
+        solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
+    H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
+    return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
+
+
+def _compared(
+    solver: JointLeastSquares, solution: Solution, loose: NDArray[np.int64], errors: Errors
+) -> tuple[Solution, NDArray[np.bool_]]:
+    """Give loosely determined joints their best values; return too which (k,) have no rival to them."""
+    search, sure = solver.search, np.zeros(len(solution.values), bool)
+    rivals, of = [solution.configuration], [-1]
+    for joint in loose:
+        profile = profiled(solver, solution.base, solution.values, int(joint), errors)
+        sure[joint] = profile.margin > NO_RIVAL
+        if profile.spread < BETTER:
+            continue
+        worth = profile.behind < NO_RIVAL
+        worth[0] &= profile.gain > 0.0
+        scores = np.zeros(int(worth.sum()), np.float32)
+        rivals.append(Candidates(profile.bases[worth], profile.values[worth], scores))
+        of += [int(joint)] * len(scores)
+    if len(of) == 1:
+        return solution, sure
+    # What refinement alone would gain is no merit of a rival.
+    points = search.options.fine_points
+    together = search.refined(Candidates.concatenate(rivals), points=points, iterations=10, sigma=0.01)
+    likelihood = finest(search, together) * len(search.observation.given)
+    # The likelihood is of the points alone: what they leave of the model unseen may speak against it.
+    scores = search.weighed(together)[0]
+    likelihood[scores < scores[0] - NO_COST] = -np.inf
+    if likelihood.max() < likelihood[0] + BETTER:
+        return solution, sure
+    # Samples of the surface tell that the answer is wrong; which of the others is right is for the triangles.
+    order = 1 + np.argsort(-likelihood[1:], kind="stable")[:CHOICES]
+    near = np.append(0, order[likelihood[order] > likelihood.max() - NO_RIVAL])
+    exact = log_likelihoods(solver, together.take(near))
+    best = int(np.argmax(exact[1:])) + 1
+    if exact[best] >= exact[0]:
+        chosen = near[best]
+        values = solver.limited(together.values[chosen])
+        solution = solved(solver, together.bases[chosen], values, solution.problem.blur)
+        sure[of[chosen]] |= exact[best] >= np.delete(exact, best).max() + NO_RIVAL
+    return solution, sure
+
+
+def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array) -> tuple[Array, Array]:
+    """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against."""
+    search = solver.search
+    moved = values.copy()
+    moved[joint] = prior[joint]
+    child = next(i for i, part in enumerate(solver.model.parts) if part.joint and part.joint.actuated == joint)
+    before, after = (search.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
+    bases = np.array([base, base, base @ before @ inverse(after)])
+    choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
+    scores, coverage, seen = search.weighed(choices)
+    best = int(np.argmax(scores[1:])) + 1
+    lost = (coverage[0] - coverage[best]) * len(search.observation.points)
+    hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
+    if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
+        return base, values
+    likelihood = finest(search, choices.take([0, best])) * len(search.observation.given)
+    if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
+        return base, values
+    return bases[best], moved

@@ -1,0 +1,1 @@
+"""What speaks for an answer and against it, and the confidence that follows."""

@@ -1,0 +1,252 @@
+"""What speaks for and against an answer: a few figures that mean the same for any model and scan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.continuation import continued, continued_beside
+from pwralign_kin.estimation.search.tree_search import BAND, TreeSearch
+from pwralign_kin.estimation.sensing.observation import median
+
+LEAST_POINTS = 8
+"""Scan points that a part must explain to count as seen, ..."""
+LEAST_RESIDUALS = 25
+"""... and for its residual to be compared with that of the others."""
+HARDLY = 0.3
+"""A part that explains less than this, against the average of all parts, explains hardly anything."""
+APART = 0.015
+"""Mean distance (model diagonals) of a seen part from another answer's surface from which that one is a rival, ..."""
+BESIDE = 0.01
+"""... and from which the answer is wrong if that one is right."""
+MODES, RIVALS = 3, 8
+"""Values of each joint that are tried, and the best rivals that are compared with the answer."""
+CONTINUED_MORE = 0.2
+"""A better rival of which this share more of the edges is continued is none."""
+PROBES = 40
+"""Samples of each part that are compared."""
+BLUR, REACH = 0.012, BAND
+"""Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
+when answer and rivals are told apart."""
+ALIKE = 0.7
+"""Cosine between the normals of a scan point and of the model there, from which they agree."""
+SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
+"""Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
+ASTRAY = 0.2
+"""Distance from the model, as a share of the points' spacing, within which none is astray: between points so sparse,
+noise passes for curvature of the surface."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for and against an answer."""
+
+    nearby: float
+    """Share of the scan that lies near the model without being explained by it. Whatever else the scan holds is
+    mostly farther away."""
+
+    lacking: float
+    """Share of the model's surface in parts that explain hardly anything, against the average of all parts."""
+
+    uneven: float
+    """Largest residual of a part over that of all points on the model: noise and bias of the sensor are in both. 1 in
+    a scene, where other things touch the model."""
+
+    margin: float
+    """Score by which the answer is better than the best rival: another answer that the search found, or this one with
+    one joint moved, that takes a seen part off the surface. Negative where the rival is better."""
+
+    distinct: float
+    """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
+    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
+
+    told: float
+    """The same, and against what is hardly a rival: would the answer be wrong if the other were right?"""
+
+    noise: float
+    """Standard deviation of the scan points from their local planes, model diagonals."""
+
+    borne_out: float
+    """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
+
+    strange: float
+    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
+    model, as `nearby`."""
+
+    astray: float
+    """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
+    sensor."""
+
+    refuted: float
+    """Share of the model's surface that a single view should show and looks past; 0 for other scans."""
+
+    continued: float
+    """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
+
+    points_per_part: float
+    """Points that lie on the model, over its parts with surface."""
+
+
+def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
+    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
+    observation = search.observation
+    distance, part, cosine = search.lying(final)
+    explained = distance <= search.reach
+    areas = observation.areas * search.searched
+    nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
+    owners = np.where(explained & search.searched, part, -1)
+    shares = np.minimum(search.explained_shares(owners), 1.0)
+    weights = search.weights * search.exists
+    lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
+    on_model = areas[explained].sum() / areas.sum()
+    alike = explained & (np.abs(cosine) >= ALIKE)
+    confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
+    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
+    well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
+    astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
+    points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
+    beyond = continued_beside(search, final, distance, cosine)
+    rivals, apart = _rivals(search, final, others, points)
+    compared, support = search.scored(Candidates.concatenate([final, rivals]))
+    refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
+    margin, distinct, told = _margins(search, compared, apart, beyond)
+    return Evidence(
+        float(nearby),
+        float(lacking),
+        _uneven(search, final),
+        margin,
+        distinct,
+        told,
+        observation.noise,
+        confirmed * float(shares @ weights) / float(weights.sum()),
+        float(strange),
+        float(astray),
+        refuted,
+        beyond,
+        float(points.sum() / search.exists.sum()),
+    )
+
+
+def on_surface(evidence: Evidence) -> float:
+    """Return how far the points lie on a surface, from 1 to 0, and do not fill a volume."""
+    return float(np.clip((VOLUME_NOISE - evidence.noise) / (VOLUME_NOISE - SURFACE_NOISE), 0.0, 1.0))
+
+
+def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> float:
+    """Return the chance in [0, 1] that `coefficients` of 1 and of `values` make."""
+    return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
+
+
+def _uneven(search: TreeSearch, final: Candidates) -> float:
+    """Return the largest median distance of a part's points over that of all; 1 where that tells nothing."""
+    if search.observation.scene:
+        return 1.0  # other things that touch the model count as points of its parts
+    placements = search.part_placements(final)[0]
+    distance, part = search.assigned(search.observation.given, placements, search.exists, search.reach)
+    all_of = median(distance[part >= 0]) if (part >= 0).any() else 0.0
+    counts = np.bincount(part[part >= 0], minlength=len(search.exists))
+    each = [median(distance[part == i]) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
+    return max(each, default=all_of) / all_of if all_of > 0 else 1.0
+
+
+def rivals_to(search: TreeSearch, final: Candidates, others: Candidates) -> Candidates:
+    """Return the rivals that the evidence weighs the `final` configuration (one) against, unrefined."""
+    distance, part = search.owners(final, search.exists)
+    owners = part[(part >= 0) & (distance <= search.reach) & search.searched]
+    rivals, apart = _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
+    return rivals.take(apart)
+
+
+def _margins(
+    search: TreeSearch, compared: Candidates, apart: NDArray[np.bool_], beyond: float
+) -> tuple[float, float, float]:
+    """Return how much better the answer is than the best of its rivals: by score, in standard deviations, and in
+    standard deviations than what is hardly a rival, too.
+
+    The answer is the first of what is `compared`, with scores; the others are rivals where `apart` (m,). Without any,
+    1 and what is the most that so many points can tell. What explains more because it lies in something larger, beyond
+    whose edges more of the scan goes on than `beyond` those of the answer, is none.
+    """
+    margins = compared.scores[0] - compared.scores[1:]
+    distinct = _distinctness(search, compared)
+    stands = apart.copy()
+    for rank in np.flatnonzero(apart & ((margins < 0.0) | (distinct < 0.0))):
+        stands[rank] = continued(search, compared.take([1 + rank])) <= beyond + CONTINUED_MORE
+    most = float(np.sqrt(len(search.observation.given)))
+    return (
+        float(margins[stands].min(initial=1.0)),
+        float(distinct[stands].min(initial=most)),
+        float(distinct[stands | ~apart].min(initial=most)),
+    )
+
+
+def _rivals(
+    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+) -> tuple[Candidates, NDArray[np.bool_]]:
+    """Return which of the `others`, and of the best ways to move one joint, take one of the seen parts off the surface,
+    if only `BESIDE` it, and whether (m,) they are `APART`.
+
+    `points` (parts,) of the scan lie on each part.
+    """
+    seen = np.flatnonzero(points >= LEAST_POINTS)
+    moved = _with_joints_moved(search, final, points).best_first()
+    several = [_off(search, final, others, seen, len(others)), _off(search, final, moved, seen, RIVALS)]
+    rivals, departures = zip(*several, strict=True)
+    return Candidates.concatenate(rivals), np.concatenate(departures) > APART
+
+
+def _off(
+    search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
+) -> tuple[Candidates, NDArray[np.float64]]:
+    """Return the first of the rivals that place one of the `seen` parts off the answer's surface, and how far.
+
+    `count` of them, at most, are apart.
+    """
+    departures = np.zeros(0)
+    while len(departures) < len(rivals) and (departures > APART).sum() < count:
+        some = rivals.take(slice(len(departures), len(departures) + 2 * RIVALS))
+        departures = np.append(departures, _departures(search, final, some, seen))
+    kept = np.flatnonzero((departures > BESIDE) & (np.cumsum(departures > APART) <= count))
+    return rivals.take(kept), departures[kept]
+
+
+def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
+    """Return by how many standard deviations the points speak for the first candidate against each other."""
+    given = search.observation.given
+    blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
+    distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
+    explained = np.exp(-0.5 * (distances / blur) ** 2)
+    gains = explained[0] - explained[1:]
+    return np.asarray(gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9), np.float64)
+
+
+def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:
+    """Return the configuration with each joint in turn at its best other values; the side with fewer points moves."""
+    count = final.values.shape[1]
+    joints = np.arange(count, dtype=np.int32)
+    nudged = Candidates(
+        np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
+    )
+    hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
+    base_moves = hangs @ points > 0.5 * points.sum()
+    # Nothing that is seen departs where only the rest moves.
+    tells = base_moves | (hangs & (points >= LEAST_POINTS)).any(axis=1)
+    return search.swept(final, joints[tells], base_moves[tells], MODES)
+
+
+def _departures(
+    search: TreeSearch, final: Candidates, rivals: Candidates, parts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return of each rival the largest mean distance of one of `parts`, as the answer places it, to its surface."""
+    placements = search.part_placements(final)[0]
+    placed = [search.surfaces[i].samples[:PROBES] @ placements[i][:3, :3].T + placements[i][:3, 3] for i in parts]
+    if not placed:
+        return np.zeros(len(rivals))
+    probes = np.ascontiguousarray(np.concatenate(placed), np.float32)
+    starts = np.cumsum([0, *(len(own) for own in placed[:-1])])
+    sizes = [len(own) for own in placed]
+    distances = search.distances(probes, search.part_placements(rivals), search.exists, REACH)
+    return np.asarray((np.add.reduceat(distances, starts, axis=1) / sizes).max(axis=1))

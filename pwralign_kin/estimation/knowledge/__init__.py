@@ -1,0 +1,1 @@
+"""What is known beforehand: priors of base and joints, point pairs of an outside matcher."""

@@ -1,0 +1,1 @@
+"""Base and joints together to the last bit that the points hold: least squares and greatest likelihood."""

@@ -1,0 +1,395 @@
+"""The last word of an estimate: one bounded least-squares problem over base and joints together.
+
+Robust correspondences of all parts are reduced to one 6x6 information matrix and one 6-vector a part, in twist space
+about the base's origin. Pinocchio's Jacobians J_k map base twist and joint increments to part twists, so that the
+problem is  min 1/2 x' (sum J_k' H_k J_k) x - (sum J_k' g_k)' x  within the joint limits, whatever the number of
+points. CasADi solves it; a new set of correspondences follows each step (Gauss-Newton with reweighting).
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import se3
+from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.silhouette import ON_MODEL, Silhouette
+from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.se3 import Array
+
+logger = logging.getLogger(__name__)
+
+OUTLINE_REACH = 0.03
+"""Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
+EXACT = 0.003
+"""Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
+LEAST_MASS = 0.005
+"""Share of all residuals' weight below which a part's few correspondences do not hold up convergence."""
+MOSTLY_SHARED = 3.0
+"""Systematic residual, against the noise, from which errors are mostly shared by neighbouring points: 11 times in real
+frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
+ACROSS = 0.005
+"""Noise (model diagonals) from which it takes points across thin parts."""
+SHORT = 5e-4
+"""Last step (rad, model diagonals) up to which the problem before it is that at the end."""
+ALIGNED = 0.7
+"""Cosine between two steps, by the surface's displacement, from which the second goes on where the first went, ..."""
+MOST_STRETCH = 4.0
+"""... and how much farther it may go."""
+ONE_THREAD = 2**18
+"""Multiplications of a matrix product up to which OpenBLAS leaves it to one thread: more of them gain nothing here, and
+wait for each other where other work holds the processor."""
+LEAST_OUTLINED = 100
+"""Scan points on the model below which there is no outline."""
+
+
+@dataclass(frozen=True)
+class LeastSquaresOptions:
+    """How the joint least squares runs. Lengths in model diagonals."""
+
+    enabled: bool = True
+    """Off: the answer of the batch refinement stands."""
+    bounds: bool = True
+    """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
+    iterations: int = 30
+    least_sigma: float = 0.005
+    sigmas: float = 2.0
+    """Robust scale in standard deviations of the scan's noise; at least `least_sigma` and the residuals' own."""
+    kernel_sigmas: float = 4.0
+    """Least scale of the robust kernel in the same: a narrower one throws much of what noisy points tell away."""
+    support_weight: float = 0.05
+    """Weight of model samples pulled by the scan, against scan points pulled by the model."""
+    reach: float = 3.0
+    """Correspondences farther than this many robust scales do not count."""
+    noisy: float = 0.003
+    """Noise from which a scan fused of several views is fitted to all surface near its points (`surface_mixture`)."""
+    silhouette: bool = True
+    """Whether the model's outline is fitted to that of a scan seen from one place."""
+    most_silhouette: float = 6.0
+    """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
+    damping: float = 1e-6
+    most_turn: float = 0.1
+    """Largest step of a rotation, rad."""
+    tolerance: float = 5e-5
+    """A step that displaces the matched surface of every part by less than this (rms) is the last."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the scan is looked at, linearised at one configuration."""
+
+    H: Array
+    """(6 + k, 6 + k) inverse covariance."""
+    g: Array
+    """(6 + k,) right-hand side."""
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What a fit to all surface near the points of a noisy scan finds besides the configuration."""
+
+    noise: float
+    """Standard deviation of the points from the surface, model diagonals."""
+    information: Array
+    """(parts, 6, 6) Fisher information of every part's twist about the base's origin."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The reduced problem at one configuration, in search units."""
+
+    H: Array
+    """(6 + k, 6 + k) normal matrix over base twist (rotation, translation) and joint increments."""
+    g: Array
+    """(6 + k,) right-hand side."""
+    information: Array
+    """(parts, 6, 6) information of every part in twist space."""
+    mass: Array
+    """(parts,) sum of the weights of the surface residuals of every part, without those of the outline."""
+    J: Array
+    """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
+    counts: NDArray[np.int32]
+    """(parts,) correspondences per part."""
+    gradients: Array
+    """(parts, 6) right-hand side of every part in twist space: `g` is the sum of J' gradients."""
+    prior: Prior
+    """What is known beforehand; `H` and `g` are of the scan alone."""
+    sigma: float
+    """Robust scale of the residuals."""
+    blur: Blur | None = None
+    """For noisy scans; None where the nearest surface tells all."""
+
+    @property
+    def evidence(self) -> float:
+        """What `H` must be multiplied by to be an inverse covariance beside the prior's."""
+        return INDEPENDENT_POINTS / self.sigma**2
+
+    def displacement(self, step: Array) -> float:
+        """Return the greatest rms displacement, among parts, of the matched surface along its normals by a step."""
+        twists = self.J @ step
+        squared = np.einsum("pi,pij,pj->p", twists, self.information, twists)
+        return float(np.sqrt((squared / np.maximum(self.mass, LEAST_MASS * self.mass.sum() + 1e-12)).max()))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The configuration at the end, in search units."""
+
+    base: Array
+    values: Array
+    problem: Problem
+    """The problem at the end, for the covariance."""
+    converged: bool
+    iterations: int
+
+    @property
+    def configuration(self) -> Candidates:
+        """What was found, for the search's own figures."""
+        return Candidates.single(self.base, self.values)
+
+
+class JointLeastSquares:
+    """Base and joints of one model fitted to one observed scan."""
+
+    def __init__(
+        self,
+        model: ArticulatedModel,
+        search: TreeSearch,
+        lower: Array,
+        upper: Array,
+        options: LeastSquaresOptions,
+    ) -> None:
+        """Take the bounds `lower`, `upper` (k,) of the actuated joints in search units; equal bounds lock a joint."""
+        self.model = model
+        self.search = search
+        self.lower = lower
+        self.upper = upper
+        self.options = options
+        self.silhouette: Silhouette | None = None
+        self.systematic = 0.0
+        self.along_rays = False
+
+    @property
+    def locked(self) -> NDArray[np.bool_]:
+        """Which joints have no freedom (k,)."""
+        return self.upper <= self.lower
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether noise may have taken points to other surface than that nearest to them."""
+        observation = self.search.observation
+        return not observation.single_view and observation.noise > self.options.noisy
+
+    def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
+        """Return the same problem with some joints held at the given values."""
+        lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
+        solver = JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        solver.silhouette, solver.systematic = self.silhouette, self.systematic
+        solver.along_rays = self.along_rays
+        return solver
+
+    def look(self, base: Array, values: Array, residual: float) -> None:
+        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end.
+
+        `residual` is that of the configuration.
+        """
+        observation = self.search.observation
+        # In a scene the outline is one of depth jumps, which sensors smear.
+        if not observation.single_view or observation.scene:
+            return
+        known = (1.2 * observation.noise) ** 2 + EXACT**2
+        self.systematic = float(np.sqrt(max(residual**2 - known, 0.0)))
+        # Noise takes points across thin parts, to whose far faces they are then nearer: counterparts are what the
+        # sensor sees there. Errors that neighbours share bend the surface instead, and its normals tell what is where.
+        self.along_rays = observation.noise > max(ACROSS, self.systematic / MOSTLY_SHARED)
+        if not self.options.silhouette or self.systematic == 0:
+            return
+        at = Candidates.single(base, values)
+        placements = self.search.part_placements(at)[0]
+        on_model = self.search.assigned(observation.raw, placements, self.search.exists, ON_MODEL)[0] < ON_MODEL
+        if on_model.sum() > LEAST_OUTLINED:
+            self.silhouette = Silhouette(observation, observation.raw, on_model)
+
+    def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
+        """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
+        if self.silhouette is None:
+            return np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
+        surfaces = self.search.surfaces
+        parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
+        points = np.concatenate(
+            [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
+        )
+        spacing = max(float(s.scalars[1]) for s in surfaces if s.exists)
+        found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
+        return found.normal_equations(self.systematic, self.options.most_silhouette, len(placements), centre)
+
+    def residual(self, base: Array, values: Array) -> float:
+        """Return the robust standard deviation of the given points that lie on a configuration."""
+        return self.search.residual(Candidates.single(base, values))
+
+    def robust_scale(self, residual: float) -> float:
+        """Return the scale of the robust kernel: that of the noise or of the `residual` of a configuration."""
+        noise = self.options.sigmas * self.search.observation.noise
+        return max(self.options.least_sigma, noise, residual)
+
+    def part_twists(self, base: Array, values: Array) -> tuple[Array, Array]:
+        """Return placements (parts, 4, 4) and part twists (parts, 6, 6 + k) per unit of base twist and joints.
+
+        All twists are about the base's origin.
+        """
+        placements, J = self.model.part_placements_and_twists(values * self.model.joint_scales)
+        placements[:, :3, 3] /= self.model.diagonal
+        turn = np.zeros((6, 6))
+        turn[:3, :3], turn[3:, 3:] = base[:3, :3], base[:3, :3] / self.model.diagonal
+        twists = np.empty((len(J), 6, 6 + len(values)))
+        twists[:, :, :6], twists[:, :, 6:] = np.eye(6), turn @ J * self.model.joint_scales
+        return base @ placements, twists
+
+    def build(self, base: Array, values: Array, sigma: float) -> Problem:
+        """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
+        placed, full = self.part_twists(base, values)
+        kernel_scale = max(sigma, self.options.kernel_sigmas * self.search.observation.noise)
+        information, part_g, counts = self.search.native.normal_equations(
+            placed, self.search.observation.given, self.search.observation.given_normals,
+            kernel_scale, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
+            self.search.weights, self.along_rays,
+        )  # fmt: skip
+        outline = self.outline(placed, base[:3, 3])
+        mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
+        information, part_g = information + outline[0], part_g + outline[1]
+        H = normal_matrix(full, information)
+        g = np.einsum("pia,pi->a", full, part_g)
+        return Problem(H, g, information, mass, full, counts, part_g, self.prior(base, values), sigma)
+
+    def prior(self, base: Array, values: Array) -> Prior:
+        """Return what is known beforehand at a configuration."""
+        known = self.search.known
+        H, g = np.zeros((6 + len(values), 6 + len(values))), np.zeros(6 + len(values))
+        H[:6, :6], g[:6] = self.search.native.base_prior(base[None])
+        H[range(6, len(H)), range(6, len(H))] = 1.0 / known.std**2
+        g[6:] = (known.values - values) / known.std**2
+        return Prior(H, g)
+
+    def solve(self, problem: Problem, values: Array) -> Array:
+        """Return the bounded step (6 + k,)."""
+        H = problem.H + problem.prior.H / problem.evidence
+        g = problem.g + problem.prior.g / problem.evidence
+        return bounded_step(H, g, *self.step_bounds(values), self.options.damping)
+
+    def step_bounds(self, values: Array) -> tuple[Array, Array]:
+        """Return the least and the largest step (6 + k,) from `values`."""
+        low = np.full(6 + len(values), -self.options.most_turn)
+        high = -low
+        if self.search.known.held:
+            low[:6] = high[:6] = 0.0
+        if self.options.bounds:
+            # A joint that wraps has no wall at its limits, unless it is locked.
+            free = self.model.continuous & (self.upper > self.lower)
+            low[6:] = np.maximum(low[6:], np.where(free, -np.inf, self.lower - values))
+            high[6:] = np.minimum(high[6:], np.where(free, np.inf, self.upper - values))
+        return np.minimum(low, high), high
+
+    def run(self, base: Array, values: Array) -> Solution:
+        """Iterate from a configuration to convergence."""
+        converged, iterations = False, 0
+        residual = self.residual(base, values)
+        sigma = self.robust_scale(residual)
+        if self.silhouette is None:
+            self.look(base, values, residual)
+        problem = self.build(base, values, sigma)
+        before, stretch = np.zeros(6 + len(values)), 1.0
+        while not converged and iterations < self.options.iterations:
+            iterations += 1
+            try:
+                step = self.solve(problem, values)
+            except np.linalg.LinAlgError as error:
+                logger.warning("%s: the answer has not converged", error)
+                break
+            converged = problem.displacement(step) < self.options.tolerance
+            stretch = 1.0 if converged else stretched(problem.H, before, step, stretch)
+            before = step
+            base, values = self.stepped(base, values, np.clip(stretch * step, *self.step_bounds(values)))
+            # Unknowns that the scan hardly tells may move far without displacing what is matched.
+            if not (converged and np.abs(step).max() < SHORT):
+                problem = self.build(base, values, sigma)
+        return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
+
+    def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
+        """Return the configuration after a step (6 + k,)."""
+        move = se3.exp(step[:6])
+        moved = base.copy()
+        moved[:3, :3] = move[:3, :3] @ base[:3, :3]
+        moved[:3, 3] += move[:3, 3]
+        return moved, self.limited(values + step[6:])
+
+    def limited(self, values: Array) -> Array:
+        """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""
+        span = self.upper - self.lower
+        wraps = self.model.continuous & (span > 0)
+        turned = self.lower + np.mod(values - self.lower, np.where(wraps, span, 1.0))
+        return np.where(wraps, turned, np.clip(values, self.lower, self.upper))
+
+
+def stretched(H: Array, before: Array, step: Array, stretch: float) -> float:
+    """Return by how much a step is to be prolonged, the step `before` having been by `stretch`.
+
+    Surfaces that slide along themselves take many small steps in one direction: each step leaves the same share of the
+    way, whose sum is a geometric series (Aitken's extrapolation).
+    """
+    squared, along, own = float(before @ H @ before), float(before @ H @ step), float(step @ H @ step)
+    if along <= ALIGNED * np.sqrt(squared * own):
+        return 1.0
+    left = 1.0 - (1.0 - along / squared) / stretch
+    return MOST_STRETCH if left >= 1.0 - 1.0 / MOST_STRETCH else max(1.0, 1.0 / (1.0 - left))
+
+
+def normal_matrix(J: Array, information: Array) -> Array:
+    """Return the sum over parts of J' information J (n, n); `J` (parts, 6, n), `information` (parts, 6, 6)."""
+    size = J.shape[2]
+    rows, weighted = J.reshape(-1, size), (information @ J).reshape(-1, size)
+    piece = max(6, ONE_THREAD // size**2)
+    H = np.zeros((size, size))
+    for first in range(0, len(rows), piece):
+        H += rows[first : first + piece].T @ weighted[first : first + piece]
+    return H
+
+
+def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
+    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping.
+
+    Raises `LinAlgError` where there is none: `H` is not positive definite, or a number not finite.
+    """
+    size = len(g)
+    # Memory that the solver reads and writes: conversions to its own matrices take ten times as long as the problem.
+    x = np.empty(size)
+    given = {"h": H + np.diag(damping + 1e-4 * np.diag(H)), "g": -g, "lbx": low, "ubx": high}
+    numbers = {name: np.ascontiguousarray(values, np.float64).ravel() for name, values in given.items()}
+    solver = _quadratic_program(size)
+    buffer, evaluate = solver.buffer()
+    for name, values in numbers.items():
+        buffer.set_arg(solver.index_in(name), values.data)
+    buffer.set_res(solver.index_out("x"), x.data)
+    evaluate()
+    if not (np.isfinite(x).all() and buffer.stats()["success"]):
+        raise np.linalg.LinAlgError("a bounded step of the least squares has no solution")
+    return x
+
+
+@lru_cache(maxsize=64)
+def _quadratic_program(size: int) -> Any:
+    """Return CasADi's solver of a dense quadratic program with simple bounds."""
+    import casadi
+
+    return casadi.conic(
+        "step",
+        "daqp",
+        {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)},
+        {"error_on_fail": False},
+    )

@@ -1,0 +1,101 @@
+"""Whether the scan's surface ends where the model's does.
+
+Surface that merely coincides with a piece of something larger, as a plate does that lies in a wall, explains its points
+as well as surface that is truly there; but beyond its edges the scan goes on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import Float, TreeSearch
+from pwralign_kin.se3 import Array
+
+STARTS, DIRECTIONS = 1000, 8
+"""Scan points on the model, at most, that a step is taken from in every direction along the surface."""
+STEP, SPACINGS = 0.05, 2.0
+"""Length of the step: so much (model diagonals), and at least so many times the points' spacing."""
+BEYOND = 0.005
+"""How much farther than points that lie on the model a step has ended that leaves it."""
+AROUND, AROUND_SPACINGS = 0.02, 1.5
+"""How near to the end of a step the scan has a point where its surface goes on, ..."""
+TOLERANCE, NOISES = 0.008, 2.5
+"""... how near to the plane that the step was taken in, besides so many times the noise, ..."""
+ALIKE, SAME_PLANE = 0.8, 0.9
+"""... and the cosine between the normals: of scan and model where the step starts, and of the scan at its two ends."""
+LEAST_STEPS = 20
+"""Steps off the model, below which their share tells less."""
+
+PRICE, USUAL = 0.6, 0.15
+"""Score of a scene's answer that is lost where all its edges are continued, and their share that costs nothing."""
+
+
+def priced(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return the candidates in the same order, the scores of those that could be the best less what `continued` costs.
+
+    Scores tell what is explained, and all of a plate that lies in a wall is.
+    """
+    scores = candidates.scores.copy()
+    for rank in np.flatnonzero(scores > scores.max() - PRICE):
+        excess = max(0.0, continued(search, candidates.take([rank])) - USUAL)
+        scores[rank] -= PRICE / (1.0 - USUAL) * excess
+    return Candidates(candidates.bases, candidates.values, scores)
+
+
+def continued(search: TreeSearch, candidate: Candidates) -> float:
+    """Return the share of the model's edges, of one candidate, beyond which the scan goes on in the same plane."""
+    distance, _, cosine = search.lying(candidate)
+    return continued_beside(search, candidate, distance, cosine)
+
+
+def continued_beside(search: TreeSearch, candidate: Candidates, distances: Float, cosines: Float) -> float:
+    """Return the same from how far the scan points are from the candidate's surface, and their normals from its.
+
+    Steps are taken along the scan's surface from points on the model. Of those that leave the model, the share counts
+    that ends on points of the same plane. At true edges the scan ends or turns, or something else hides what follows.
+    """
+    observation = search.observation
+    # Without a sensor, which side of a surface is outside is a guess.
+    alike = (cosines if observation.single_view else np.abs(cosines)) >= ALIKE
+    starts = _spread(np.flatnonzero((distances <= search.reach) & alike), observation.areas)
+    if len(starts) == 0:
+        return 0.0
+    points, normals = observation.points[starts], observation.normals[starts]
+    step = max(STEP, SPACINGS * observation.spacing)
+    ends = (points[:, None] + step * _directions(normals)).reshape(-1, 3).astype(np.float32)
+    reach = search.reach + BEYOND
+    placements = search.part_placements(candidate)[0]
+    off = np.flatnonzero(search.assigned(ends, placements, search.exists, 1.01 * reach)[0] > reach)
+    start, end = off // DIRECTIONS, ends[off]
+    follower = observation.field.nearest(np.ascontiguousarray(end))
+    follows = (follower >= 0) & (distances[follower] > search.reach)
+    following, turned = observation.points[follower], observation.normals[follower]
+    around = max(AROUND, AROUND_SPACINGS * observation.spacing)
+    follows &= np.linalg.norm(following - end, axis=1) < around
+    away = np.abs(np.einsum("ij,ij->i", following - points[start], normals[start]))
+    follows &= away < TOLERANCE + NOISES * observation.noise
+    follows &= np.abs(np.einsum("ij,ij->i", turned, normals[start])) > SAME_PLANE
+    return float(follows.sum() / max(len(off), LEAST_STEPS))
+
+
+def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:
+    """Return at most `STARTS` of the points, spread evenly over the area that they stand for."""
+    if len(points) == 0:
+        return points
+    share = np.cumsum(areas[points], dtype=float)
+    drawn = np.searchsorted(share / share[-1], (np.arange(STARTS) + 0.5) / STARTS)
+    return np.asarray(points[np.unique(np.minimum(drawn, len(points) - 1))])
+
+
+def _directions(normals: Float) -> Array:
+    """Return unit vectors (n, `DIRECTIONS`, 3) around the planes of the normals (n, 3)."""
+    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = np.cross(normals, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    return np.asarray(
+        np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None], dtype=np.float64
+    )

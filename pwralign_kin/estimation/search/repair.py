@@ -1,0 +1,309 @@
+"""Repair: regrow the subtrees around badly supported parts, re-root at the well supported, turn the largest around."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.voting import VoteOptions, misfits, voted
+from pwralign_kin.se3 import Array, rotation_about
+
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RepairOptions:
+    """How hard wrong answers are repaired."""
+
+    rounds: int = 10
+    solutions: int = 4
+    """Distinct solutions that are repaired side by side, ..."""
+    early_rounds: int = 2
+    """... for so many rounds; after that only the best ..."""
+    late_solutions: int = 2
+    gain: float = 0.006
+    """A round without this gain of score is the last."""
+    margin: float = 0.12
+    """Solutions worse than the best by more than this are not worth repairing."""
+    alternatives: int = 16
+    """Regrown configurations kept per move."""
+    refined: int = 8
+    """Moves per solution that are refined, ..."""
+    varied: int = 8
+    """... and others that change whole limbs: before it is refined, a limb brought to its place scores less than the
+    many moves that change next to nothing, ..."""
+    hopeful: float = 0.06
+    """... if they score, before that, no worse than the best solution by more than this."""
+    narrow: int = 6
+    """Moves, the best before refinement, that are refined from a narrow scale too: it does not undo what a sweep got
+    right."""
+    held_limbs: int = 16
+    """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
+    turned_parts: int = 3
+    """Largest parts that are turned by half a revolution."""
+    unexplained: float = 0.006
+    """Share of scan points far from the model below which nothing is missing, and only the best solution is
+    repaired, ..."""
+    much_unexplained: float = 0.1
+    """... and above which every solution has votes, not only the foremost: which one that is says little yet."""
+    votes: VoteOptions = field(default_factory=VoteOptions)
+
+
+def repair(
+    search: TreeSearch,
+    candidates: Candidates,
+    options: RepairOptions,
+    *,
+    turn: bool,
+    enough: Callable[[Candidates], bool] = lambda best: False,
+) -> Candidates:
+    """Return the distinct solutions after at most `options.rounds` rounds, best first; until the best is `enough`."""
+    solutions = search.distinct(candidates, options.solutions, search.options.distinct)
+    done: set[tuple[float, ...]] = set()
+    for round_ in range(options.rounds):
+        worth = _worth_repair(search, solutions, options, round_)
+        moved: list[Candidates] = []
+        for rank in range(worth):
+            solution = solutions.take([rank])
+            where = np.concatenate([solution.bases[0, :3, 3], solution.values[0]])
+            key = tuple(float(v) for v in np.round(where, 2))
+            if key in done:
+                continue
+            done.add(key)
+            tried = repair_moves(search, solution, options, round_, foremost=rank == 0, turn=turn and round_ == 0)
+            if tried is not None:
+                moved.append(search.sifted(tried, options.refined, options.varied))
+        if not moved:
+            break
+        moves = Candidates.concatenate(moved)
+        moves = moves.take(moves.scores > solutions.scores[0] - options.hopeful * _scale(solutions))
+        if len(moves) == 0:
+            break
+        refined = [
+            search.refined(moves, iterations=10, sigma=0.03),
+            search.refined(moves.best_first().take(slice(options.narrow)), iterations=10, sigma=0.01),
+        ]
+        found = search.scored(Candidates.concatenate(refined))[0]
+        in_vain = found.scores.max() <= solutions.scores[0] + options.gain
+        solutions = search.distinct(
+            Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
+        )
+        if in_vain or enough(solutions.take([0])):
+            break
+    return solutions
+
+
+def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
+    """Return how many of the solutions, best first, are repaired in a round."""
+    best = solutions.take([0])
+    # A scan that holds more than the model leaves something unexplained however good the answer.
+    complete = search.coverage_scale > 1.0 and not search.lacks(best).any()
+    if complete or search.unexplained(best) <= options.unexplained:
+        return 1
+    near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
+    return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)
+
+
+def _scale(solutions: Candidates) -> float:
+    """Return what score margins are multiplied by: in a scene scores go far beyond 1."""
+    return max(1.0, float(solutions.scores[0]))
+
+
+def repair_moves(
+    search: TreeSearch, solution: Candidates, options: RepairOptions, seed: int, *, foremost: bool, turn: bool
+) -> Candidates | None:
+    """Return configurations that differ from `solution` where the evidence speaks against it; None if nowhere.
+
+    Votes and sweeps, which cost most, are for the `foremost` solution.
+    """
+    support = search.scored(solution)[1][0]
+    unexplained = search.unexplained(solution)
+    exists, single = search.exists, search.observation.single_view
+    usual = float(np.median(support[exists]))
+    bad = search.poorly_supported(support)
+    missing = unexplained > options.unexplained
+    moves: list[Candidates] = []
+    placements = search.part_placements(solution)[0]
+    if bad.any() or missing:
+        moves += _regrown(search, solution, support, bad, missing, usual, options)
+        best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
+        roots = np.array([i for i in best if exists[i]], np.int32)
+        moves.append(search.grow(_placed(roots, placements[roots])))
+    if (foremost and (missing or search.observation.scene)) or (
+        unexplained > options.much_unexplained and not search.observation.scene
+    ):
+        # In a scene what is near and unexplained may be of other things: one look at all that is doubtful.
+        ways = (True,) if search.observation.scene else (False, True)
+        votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
+        moves += [vote for vote in votes if vote is not None]
+    elif foremost and misfits(search, solution, options.votes) >= options.votes.least_misfits:
+        # A small part that is wrong leaves little unexplained where other surface lies near to its points.
+        votes = [voted(search, solution, options.votes, seed, doubting=way, by_noise=True) for way in (False, True)]
+        moves += [vote for vote in votes if vote is not None]
+    if not single:
+        moves += _without_absent(search, solution, exists & (support < 0.2))
+    if foremost:
+        moves.append(_swept(search, solution, options.held_limbs))
+    if turn:
+        moves += _turned(search, placements, options)
+    return Candidates.concatenate(moves) if moves else None
+
+
+def _subtrees(search: TreeSearch) -> Bool:
+    """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
+    count = len(search.exists)
+    below = np.eye(count, dtype=bool)
+    for i in range(count - 1, 0, -1):
+        below[search.parent[i]] |= below[i]
+    return below
+
+
+def _regrown(
+    search: TreeSearch,
+    solution: Candidates,
+    support: NDArray[np.float32],
+    bad: Bool,
+    missing: bool,
+    usual: float,
+    options: RepairOptions,
+) -> list[Candidates]:
+    """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
+    count, exists, parent = len(search.exists), search.exists, search.parent
+    below = _subtrees(search)
+    near = bad | search.lacks(solution) if missing else bad.copy()
+    if missing and count <= 14:
+        near[:] = True
+    else:
+        # A part is often bad because an ancestor is slightly wrong.
+        for _ in range(3):
+            above = np.zeros(count, bool)
+            above[parent[1:][near[1:]]] = True
+            near |= above
+    is_limb = np.zeros(count, bool)
+    is_limb[1:] = _among_largest(search, options.held_limbs)[search.model.actuated[1:]]
+    starts, nexts = [], []
+    for i in range(1, count):
+        for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):
+            outward = following == i
+            if outward and not near[i]:
+                continue
+            if not outward and count > 10 and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
+                continue
+            if not (exists & side).any() or not (exists & ~side).any() or not (bad | missing)[side].any():
+                continue
+            starts.append(start)
+            nexts.append(following)
+    if not starts:
+        return []
+    return [_regrow(search, solution, starts, nexts, search.weights, options.alternatives)]
+
+
+def _regrow(
+    search: TreeSearch,
+    solution: Candidates,
+    starts: list[int],
+    nexts: list[int],
+    weights: NDArray[np.float32],
+    keep: int,
+) -> Candidates:
+    tasks = len(starts)
+    return Candidates(
+        *search.native.regrow(
+            solution.bases, solution.values, np.zeros(tasks, np.int32), np.array(starts, np.int32),
+            np.array(nexts, np.int32), np.tile(weights, (tasks, 1)), keep,
+        )
+    )  # fmt: skip
+
+
+def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candidates:
+    """Sweep every joint with what hangs on it moving, some with all the rest, and compound joints whole.
+
+    A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
+    """
+    every = np.arange(solution.values.shape[1], dtype=np.int32)
+    held = np.flatnonzero(_among_largest(search, held_limbs)).astype(np.int32)
+    first, second = _compound_joints(search, search.lacks(solution))
+    joint = np.concatenate([every, held, first])
+    with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
+    base_moves = np.zeros(len(joint), bool)
+    base_moves[len(every) : len(every) + len(held)] = True
+    return search.swept(solution, joint, base_moves, 3, with_joint)
+
+
+def _among_largest(search: TreeSearch, count: int) -> Bool:
+    """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
+    surface = _subtrees(search) @ (search.weights * search.exists)
+    hanging = np.zeros(len(search.neutral))
+    np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
+    chosen = np.zeros(len(hanging), bool)
+    chosen[np.argsort(-hanging, kind="stable")[:count]] = True
+    return chosen
+
+
+def _compound_joints(search: TreeSearch, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return pairs of actuated joints, inner and outer, between which no surface tells where to turn.
+
+    The part between them has none, or explains too little, as does the part beyond: both are `lacking`.
+    """
+    actuated, parent = search.model.actuated, search.parent
+    silent = ~search.exists
+    outer = [i for i in range(1, len(parent)) if parent[i] > 0 and (silent | (lacking & lacking[i]))[parent[i]]]
+    pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
+    first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
+    return np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:
+    """Regrow around parts that the scan lacks as if they had no surface: they must not pull their neighbours."""
+    exists, parent = search.exists, search.parent
+    if not absent.any() or absent.sum() > max(2, 0.3 * exists.sum()):
+        return []
+    weights = np.asarray(search.weights * ~absent, np.float32)
+    below = _subtrees(search)
+    near = absent.copy()
+    near[parent[1:][absent[1:]]] = True
+    near[1:] |= absent[parent[1:]]
+    cut = [i for i in np.flatnonzero(near) if i > 0 and (below[i] & exists).any()]
+    if not cut:
+        return []
+    return [_regrow(search, solution, [int(parent[i]) for i in cut], [int(i) for i in cut], weights, 8)]
+
+
+def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
+    return Hypotheses(np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32))
+
+
+def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
+    """Turn each of the largest parts by half a revolution about its own and its frame's axes and grow from there."""
+    parts: list[int] = []
+    turned: list[Array] = []
+    for i in search.largest_parts(options.turned_parts):
+        samples = search.surfaces[i].samples
+        centre = (samples.min(axis=0) + samples.max(axis=0)) / 2
+        axes = np.linalg.svd(samples - samples.mean(axis=0), full_matrices=False)[2]
+        for axis in (*np.eye(3), *axes):
+            half = np.eye(4)
+            half[:3, :3] = rotation_about(axis, np.pi)
+            half[:3, 3] = centre - half[:3, :3] @ centre
+            parts.append(int(i))
+            turned.append(placements[i] @ half)
+    part = np.array(parts, np.int32)
+    _, before, score_before = search.native.refine_parts(part, np.ascontiguousarray(placements[part]), 0)
+    part, after, score_after = search.native.refine_parts(part, np.array(turned), 4)
+    moved = np.array(
+        [
+            np.linalg.norm(search.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1).mean()
+            for i, a, b in zip(part, after, before, strict=True)
+        ]
+    )
+    good = np.flatnonzero((score_after > 0.6 * score_before) & (moved > search.options.distinct))
+    if len(good) == 0:
+        return []
+    part, after = np.ascontiguousarray(part[good]), np.ascontiguousarray(after[good])
+    kept = search.native.distinct_parts(part, after, options.turned_parts, search.options.distinct)
+    return [search.grow(_placed(part[kept], after[kept]))]

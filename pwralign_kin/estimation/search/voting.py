@@ -1,0 +1,132 @@
+"""Votes: scan points that an answer leaves unexplained say where the parts that it has wrong should be.
+
+Each part that explains too little is placed on its own among the unexplained points of its region of interest, and the
+joints between it and the parts that are right are solved so that it comes there. A beam that grows through a chain of
+small parts judges each of them on little evidence; a vote skips them and judges the large part at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.region_of_interest import path_between, region_of_interest
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.se3 import transform
+
+
+@dataclass(frozen=True)
+class VoteOptions:
+    """How many votes are counted."""
+
+    parts: int = 8
+    """Parts that explain too little, largest lack first, that votes are cast for."""
+    points: int = 200
+    """Unexplained points that pairs are drawn about."""
+    scene_points: int = 200
+    """The same in a scene."""
+    explained_weight: float = 0.3
+    """Weight of all other points in the score of a placement."""
+    placements: int = 5
+    """Placements of each."""
+    anchors: int = 3
+    """Parts on the way to the best explained one, nearest first, that each placement is reached from."""
+    starts: int = 12
+    """Random starts of the joints between them."""
+    kept: int = 2
+    """Solutions of each."""
+    tolerance: float = 0.03
+    """Distance (model diagonals) that the joints may leave."""
+    scene_reach: float = 0.35
+    """Only points of a scene this near (model diagonals) to explained ones may be of the model."""
+    least_points: int = 25
+    """Unexplained points that are worth a vote, ..."""
+    least_misfits: int = 5
+    """... or so many that lie by the surface, but farther off than noise explains, ..."""
+    misfit_radius: float = 0.03
+    """... with others this near to each of them."""
+
+
+def voted(
+    search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int, *, doubting: bool, by_noise: bool = False
+) -> Candidates | None:
+    """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
+
+    When `doubting`, points on parts that explain too little vote too: they may belong to another part. When `by_noise`,
+    points farther from the surface than noise explains are unexplained.
+    """
+    owners = search.owners(solution, search.exists)[1]
+    share = search.fair_shares(owners)
+    lacking = search.lacking(share)
+    right = search.exists & ~lacking
+    lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
+    wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
+    reach, least = (search.noise_reach, options.least_misfits) if by_noise else (search.reach, options.least_points)
+    unexplained = search.owners(solution, right if doubting else search.exists)[0] > reach
+    if search.observation.scene:
+        unexplained &= _about(search, ~unexplained, options.scene_reach)
+    if unexplained.sum() < least or not wrong or not right.any():
+        return None
+    best = int(np.argmax(search.weights * share * right))
+    weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
+    ways = {part: path_between(search.parent, part, best) for part in wrong}
+    anchors = {part: [node for node in way[1:] if right[node]][: options.anchors] for part, way in ways.items()}
+    placements = search.part_placements(solution)[0]
+    regions = {
+        (part, anchor): region_of_interest(search, placements, way[: way.index(anchor) + 1])
+        for part, way in ways.items()
+        for anchor in anchors[part]
+    }
+    points = search.observation.points
+    widest = [regions[part, anchors[part][-1]] for part in wrong]
+    found = search.part_hypotheses(
+        np.array(wrong, np.int32),
+        [np.flatnonzero(unexplained & region.holds(points, search.reach)) for region in widest],
+        options.scene_points if search.observation.scene else options.points,
+        seed,
+        options.placements,
+        weights,
+    )
+    tasks = [
+        (row, anchor)
+        for row, (part, T) in enumerate(zip(found.parts, found.placements, strict=True))
+        for anchor in anchors[int(part)]
+        if regions[int(part), anchor].holds(transform(T, search.surfaces[part].samples), search.reach).all()
+    ]
+    if not tasks:
+        return None
+    rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
+    reached = Candidates(
+        *search.native.reach(
+            solution.bases, solution.values, np.zeros(len(tasks), np.int32), holding.astype(np.int32),
+            found.parts[rows], np.ascontiguousarray(found.placements[rows]), seed, options.starts, options.kept,
+            options.tolerance,
+        )
+    )  # fmt: skip
+    return reached if len(reached) else None
+
+
+def misfits(search: TreeSearch, solution: Candidates, options: VoteOptions) -> int:
+    """Return how many scan points lie farther from one solution than noise explains, and not alone: strays do."""
+    from scipy.spatial import cKDTree
+
+    points = search.observation.points[search.owners(solution, search.exists)[0] > search.noise_reach]
+    if len(points) < options.least_misfits:
+        return 0
+    tree = cKDTree(points)
+    near = tree.query_ball_point(points, options.misfit_radius, return_length=True)
+    return int((near >= options.least_misfits).sum())
+
+
+def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+    """Return which points (m,) of a scene are searched and near to explained ones."""
+    from scipy.spatial import cKDTree
+
+    points = search.observation.points
+    if not explained.any():
+        return search.searched
+    distance = cKDTree(points[explained]).query(points, distance_upper_bound=reach)[0]
+    return np.asarray(search.searched & np.isfinite(distance))

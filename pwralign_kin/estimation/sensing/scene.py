@@ -1,0 +1,475 @@
+"""A whole scene made ready for the search: the model is a small share of a room, on or among other things.
+
+Wide planes (walls, floors, tables) are told from the rest and stay as known surroundings; what is left is split into
+connected regions, each searched with its own share of hypotheses, so that a large bench cannot crowd out a small arm.
+Only ranges at which the points lie close enough to show the model are searched. Lengths in model diagonals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin import kernels
+from pwralign_kin.estimation.sensing import observation as preparation
+from pwralign_kin.estimation.sensing.observation import ONE_SIDE, Float, Observation, ObservationOptions
+from pwralign_kin.exceptions import ScanError
+from pwralign_kin.model.surface import Surface, total_area
+from pwralign_kin.scan import Scan, check_units
+from pwralign_kin.se3 import Array
+
+Bools = NDArray[np.bool_]
+
+MOST_EXTENT = 200.0
+"""Model diagonals beyond which a scene is not looked at."""
+LARGEST_FIELD = 5e7
+"""Cells of the field of a scene; larger scenes get larger cells."""
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How the model is found among other things. Lengths in model diagonals."""
+
+    reaches: float = 1.3
+    """A scan wider than this many times the model's largest extent (strays aside) is a scene."""
+    reaches_unseen: float = 3.0
+    """The same for scans without a sensor origin, which tell less of what is in the way of what."""
+    plane_unlike: float = 0.22
+    """A scan with a sensor origin is a scene too if it holds a plane that spreads this far (standard deviation along
+    its shorter axis): the largest square in a box of diagonal 1 has 0.2."""
+    normal_radius: float = 0.045
+    """Neighbourhood of the normals that planes are found by."""
+    planes: int = 12
+    plane_trials: int = 200
+    plane_sample: int = 3000
+    plane_tolerance: float = 0.012
+    plane_noises: float = 2.5
+    plane_most: float = 0.06
+    """A point lies on a plane within the tolerance, or so many times the noise at its range, at most this far."""
+    plane_cell: float = 0.04
+    """Pieces of a plane farther apart than this are looked at one by one."""
+    plane_wider: float = 1.5
+    """A piece of a plane is background if it spreads so many times wider than any part of the model, ..."""
+    plane_least: float = 0.09
+    """... this far (standard deviation along its shorter axis) ..."""
+    plane_area: float = 0.3
+    """... and has more than this share of the largest part's area."""
+    patch_wider: float = 1.25
+    """A piece of a plane that an answer leaves unexplained is background if it is so many times larger and spreads so
+    many times wider than any flat face of the model, ..."""
+    patch_least: float = 0.05
+    """... or than one that spreads this far."""
+    range_bin: float = 0.25
+    spacings: tuple[float, ...] = (0.026, 0.04, 0.06, 0.09)
+    """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
+    enough: float = 1.5
+    """How many times the visible area of the model is enough."""
+    link: float = 0.03
+    link_spacings: float = 1.1
+    """Points nearer than this, or so many of their usual distances to the sixth neighbour, belong to one region: fewer
+    than 0.87 would leave even points of one surface apart."""
+    region_area: float = 0.015
+    region_points: int = 25
+    """Regions with less than this share of the visible area of the model, or fewer points, are fragments."""
+    margin: float = 0.35
+    """Fragments and surroundings this near to a region are kept."""
+    plane_weight: float = 0.35
+    """How much a point of a background plane speaks for the model, ..."""
+    other_weight: float = 0.5
+    """... and one of what else is not searched."""
+    most_noise: float = 0.012
+    unreturned: float = 0.5
+    """How far space counts as seen to be free where no ray of a sensor came back: dark, shiny and slanted surface sends
+    none back, and out of the image there are none."""
+
+
+def is_scene(
+    scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
+) -> bool:
+    """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
+    origin = preparation.common_origin(scan, np.zeros(3), diagonal)
+    low, high = scan.box
+    widest = (options.reaches_unseen if origin is None else options.reaches) * reach
+    if np.linalg.norm(high - low) > widest and np.linalg.norm(np.subtract(*preparation.bulk(scan))) > widest:
+        return True
+    if origin is None:
+        return False
+    points = np.ascontiguousarray((scan.points - low) / diagonal, np.float32)
+    return preparation.wide_plane(points, preparing, options.plane_unlike, threads) is not None
+
+
+def surroundings_of(
+    scan: Scan,
+    left: Bools,
+    surfaces: Sequence[Surface],
+    diagonal: float,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> Bools:
+    """Return which points of `scan` (n,), among those that an answer has `left` unexplained (n,), are of a plane wider
+    than any flat face of the model: a patch of floor, table or wall, which a crop leaves about a model."""
+    found = np.zeros(len(left), bool)
+    if left.sum() < options.region_points:
+        return found
+    low, _ = preparation.bulk(scan)
+    raw = np.ascontiguousarray((scan.points[left] - low) / diagonal, np.float32)
+    points, _, cell = kernels.voxel_means(raw, preparing.voxel)
+    if len(points) < options.region_points:
+        return found
+    area = _areas(preparation.sixth_neighbour(points, threads))
+    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+    tolerance = _tolerance(points, variances[:, 0], preparation.common_origin(scan, low, diagonal), options)
+    shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
+    largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
+    least_spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
+    planes = _wide_planes(points, normals, area, tolerance, least_spread, options.patch_wider * largest, options)
+    found[left] = planes[cell]
+    return found
+
+
+def observe_scene(
+    scan: Scan,
+    surfaces: Sequence[Surface],
+    diagonal: float,
+    box: tuple[Array, Array],
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+    surroundings: Bools | None = None,
+) -> Observation:
+    """Prepare a scene for the model with the given `surfaces`, to be searched between the corners of `box` (m).
+
+    Points that are known to be of the `surroundings` (n,) count as wide planes do. Raises `ScanError` where nothing can
+    be searched.
+    """
+    if surroundings is None and scan.diagonal > MOST_EXTENT * diagonal:
+        scan = preparation.without_far_points(scan, MOST_EXTENT / 8 * diagonal)
+    if scan.diagonal > MOST_EXTENT * diagonal:
+        check_units(scan, diagonal)
+        raise ScanError(
+            scan.source, f"it spans {scan.diagonal / diagonal:.3g} times the model, which is {diagonal:.3g} m across"
+        )
+    cells = _Cells.of(scan, diagonal, preparing, threads)
+    planes = _background(cells, surfaces, options, threads)
+    if surroundings is not None:
+        planes[cells.of_point[surroundings]] = True
+    low, high = ((corner - cells.centre) / diagonal for corner in box)
+    near = _near_enough(cells.points, cells.spacing, cells.areas, cells.origin, total_area(surfaces), options)
+    near &= ((cells.points >= low) & (cells.points <= high)).all(axis=1)
+    region = _regions(cells.points, cells.spacing, near & ~planes, total_area(surfaces), options)
+    if (region < 0).all():
+        where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
+        size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
+        raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")
+    return _observed(cells, region, planes, preparing, options, threads)
+
+
+def close_up(
+    scene: Observation, chosen: Bools, preparing: ObservationOptions, options: SceneOptions, threads: int
+) -> Observation:
+    """Return the `chosen` points (m,) of a scene as a scan of the model alone, of which the scene still tells hidden
+    from free space."""
+    points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
+    count = len(points)
+    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(scene.line_gap, preparing))
+    field = _field(
+        points, normals, weights, areas, regions, scene.raw, scene.sensor_origin, preparing, options, threads
+    )
+    nearest = scene.field.nearest(scene.given)
+    mine = (nearest >= 0) & chosen[nearest]
+    return replace(
+        scene, points=points, normals=normals, given=scene.given[mine], given_normals=scene.given_normals[mine],
+        weights=weights, areas=areas, regions=regions, scene=False, field=field,
+        spacing=float(np.median(preparation.sixth_neighbour(points, threads))),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """A downsampled scene, in model diagonals about its centre."""
+
+    scan: Scan
+    centre: Array
+    """(3,) in the scan frame, m."""
+    diagonal: float
+    """The unit of length, m."""
+    origin: Float | None
+    """(3,) where the scene was seen from, else None."""
+    raw: Float
+    """(n, 3) all points of the scan."""
+    of_point: NDArray[np.int32]
+    """(n,) the cell that each of them lies in."""
+    points: Float
+    """(c, 3) their means in each cell."""
+    spacing: Float
+    """(c,) distance to the sixth neighbour."""
+    areas: Float
+    """(c,) surface that each cell stands for."""
+
+    @classmethod
+    def of(cls, scan: Scan, diagonal: float, preparing: ObservationOptions, threads: int) -> _Cells:
+        """Downsample a scan (m)."""
+        centre = np.asarray(np.median(scan.points, axis=0))
+        origin = preparation.common_origin(scan, centre, diagonal)
+        raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+        points, _, of_point = kernels.voxel_means(raw, preparing.voxel)
+        spacing = preparation.sixth_neighbour(points, threads)
+        return cls(scan, centre, diagonal, origin, raw, of_point, points, spacing, _areas(spacing))
+
+
+def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOptions, threads: int) -> Bools:
+    """Return which cells lie on planes wider than any part of the model."""
+    normals, _, variances, _ = kernels.local_planes(cells.points, options.normal_radius, threads)
+    spread = max(
+        float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
+        for s in surfaces
+        if s.exists
+    )
+    least_spread = max(options.plane_wider * spread, options.plane_least)
+    least_area = options.plane_area * max(s.area for s in surfaces)
+    tolerance = _tolerance(cells.points, variances[:, 0], cells.origin, options)
+    return _wide_planes(cells.points, normals, cells.areas, tolerance, least_spread, least_area, options)
+
+
+def _observed(
+    cells: _Cells,
+    region: NDArray[np.int64],
+    planes: Bools,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> Observation:
+    """Give what is searched, by the `region` (c,) of each cell, and what lies near it their normals and their field."""
+    kept = np.flatnonzero(_surroundings(cells.points, region >= 0, options.margin))
+    # Of the cells that are kept, not of those that turn out to face away.
+    spacing = float(np.median(cells.spacing[kept][region[kept] >= 0]))
+    noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
+    points = np.ascontiguousarray(cells.points[kept])
+    normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
+    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(gap, preparing))
+    normals = preparation.oriented_normals(
+        points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
+    )
+    if cells.origin is not None:
+        faced = preparation.facing(points, normals, cells.origin, preparing) | (region[kept] < 0)
+        kept, points, normals = kept[faced], np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
+    regions, areas = region[kept].astype(np.int32), cells.areas[kept]
+    other = np.where(planes[kept], options.plane_weight, options.other_weight)
+    weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
+    field = _field(points, normals, weights, areas, regions, cells.raw, cells.origin, preparing, options, threads)
+    of_model = np.zeros(len(cells.points), bool)
+    of_model[kept[~planes[kept]]] = True
+    mine = of_model[cells.of_point]
+    given, given_normals = preparation.as_given(
+        cells.raw[mine], cells.of_point[mine], field, points, normals, preparing
+    )
+    return Observation(
+        points, normals, preparation.at_most(cells.raw, preparing.most_raw), given, given_normals, weights, areas,
+        regions, True, spacing, noise, gap, cells.origin, field, cells.centre, cells.diagonal,
+    )  # fmt: skip
+
+
+def _field(
+    points: Float,
+    normals: Float,
+    weights: Float,
+    areas: Float,
+    regions: NDArray[np.int32],
+    seen: Float,
+    origin: Float | None,
+    preparing: ObservationOptions,
+    options: SceneOptions,
+    threads: int,
+) -> kernels.ScanField:
+    """Return the field of the points that are kept; everything `seen` (n, 3) from `origin` tells free from hidden
+    space."""
+    cell, pixel = preparing.field_cell, preparing.depth_pixel
+    while np.prod(np.ptp(points, axis=0) / cell + 80) > LARGEST_FIELD:
+        cell *= 1.2
+    if origin is not None:
+        # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
+        searched = float(np.median(np.linalg.norm(points[regions >= 0] - origin, axis=1)))
+        pixel *= float(np.linalg.norm(seen.mean(axis=0) - origin)) / searched
+    return kernels.ScanField(
+        points, normals, weights, areas, regions, cell, preparing.field_truncation,
+        [] if origin is None else [float(v) for v in origin],
+        seen if origin is not None else np.zeros((0, 3), np.float32),
+        pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
+    )  # fmt: skip
+
+
+def _areas(spacing: Float) -> Float:
+    """Return the surface that each point stands for, by its distance to its sixth neighbour."""
+    return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)
+
+
+def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:
+    """Return the bin of each point: by range, or without a sensor origin by place."""
+    if origin is None:
+        return np.asarray(kernels.voxel_means(points, 2 * options.range_bin)[2], np.int64)
+    distance = np.linalg.norm(points - origin, axis=1)
+    return np.asarray(np.minimum(distance / options.range_bin, 400), np.int64)
+
+
+def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
+    """Return for each point the median of its bin."""
+    order = np.lexsort((values, bins))
+    first = np.flatnonzero(np.diff(bins[order], prepend=-1))
+    counts = np.diff(np.append(first, len(order)))
+    medians = np.zeros(int(bins.max()) + 1, np.float32)
+    medians[bins[order][first]] = values[order][first + counts // 2]
+    return np.asarray(medians[bins])
+
+
+def _near_enough(
+    points: Float, spacing: Float, area: Float, origin: Float | None, model_area: float, options: SceneOptions
+) -> Bools:
+    """Return which points lie close enough together to show the model."""
+    usual = _binned_median(spacing, _range_bins(points, origin, options))
+    for limit in options.spacings:
+        near = (usual < limit) & (spacing < max(1.6 * limit, 0.03))
+        if area[near].sum() > options.enough * ONE_SIDE * model_area:
+            break
+    return np.asarray(near)
+
+
+def _tolerance(points: Float, variance: Float, origin: Float | None, options: SceneOptions) -> Float:
+    """Return how far from a plane each point may lie and be of it."""
+    noise = _binned_median(np.sqrt(np.maximum(variance, 0)), _range_bins(points, origin, options))
+    return np.asarray(np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most))
+
+
+def _wide_planes(
+    points: Float,
+    normals: Float,
+    area: Float,
+    tolerance: Float,
+    least_spread: float,
+    least_area: float,
+    options: SceneOptions,
+) -> Bools:
+    """Return which points lie on pieces of planes at least so wide and so large (RANSAC, by area)."""
+    random = np.random.default_rng(0)
+    # Drawn by area, samples near and far count by the surface that they stand for.
+    sample = random.choice(len(points), min(options.plane_sample, len(points)), p=area / area.sum())
+    left, background = np.ones(len(points), bool), np.zeros(len(points), bool)
+    for _ in range(options.planes):
+        remaining = sample[left[sample]]
+        if len(remaining) < 0.02 * len(sample):
+            break
+        seeds = random.choice(remaining, options.plane_trials)
+        offset = np.einsum("ij,ij->i", points[seeds], normals[seeds])
+        on = np.abs(points[remaining] @ normals[seeds].T - offset) < tolerance[remaining, None]
+        on &= np.abs(normals[remaining] @ normals[seeds].T) > 0.9
+        best = seeds[int(np.argmax(on.sum(axis=0)))]
+        normal, centre = normals[best], points[best]
+        inliers = np.zeros(0, np.int64)
+        for _ in range(3):
+            inliers = np.flatnonzero(
+                left & (np.abs((points - centre) @ normal) < tolerance) & (np.abs(normals @ normal) > 0.85)
+            )
+            if len(inliers) < 30:
+                break
+            centre = points[inliers].mean(axis=0)
+            scatter = (points[inliers] - centre).T @ (points[inliers] - centre)
+            normal = np.linalg.eigh(scatter)[1][:, 0].astype(np.float32)
+        left[best] = False
+        if len(inliers) < 30:
+            continue
+        left[inliers] = False
+        background |= _wide_pieces(
+            points, normals, area, tolerance, inliers, centre, normal, least_spread, least_area, options
+        )
+        left &= ~background
+    return background
+
+
+def _wide_pieces(
+    points: Float,
+    normals: Float,
+    area: Float,
+    tolerance: Float,
+    inliers: NDArray[np.int64],
+    centre: Float,
+    normal: Float,
+    least_spread: float,
+    least_area: float,
+    options: SceneOptions,
+) -> Bools:
+    """Return which points lie on the wide connected pieces of one plane."""
+    from scipy import ndimage
+
+    axes = np.linalg.svd(normal[None].astype(float))[2][1:]
+    flat = (points - centre) @ axes.T
+    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell
+    at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
+    shape = at[inliers].max(axis=0) + 2
+    footprint = np.zeros(shape, bool)
+    footprint[tuple(at[inliers].T)] = True
+    label, count = ndimage.label(footprint, np.ones((3, 3)))
+    piece = label[tuple(at[inliers].T)]
+    wide = np.zeros(count + 1, bool)
+    for index in range(1, count + 1):
+        own = inliers[piece == index]
+        if len(own) < 20 or area[own].sum() < least_area:
+            continue
+        deviation = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
+        wide[index] = deviation[0] > least_spread or (
+            deviation[0] > 0.6 * least_spread and deviation[1] > 3 * least_spread
+        )
+    if not wide.any():
+        return np.zeros(len(points), bool)
+    covered = ndimage.binary_dilation(wide[label], np.ones((3, 3)))
+    inside = ((at >= 0) & (at < shape)).all(axis=1)
+    inside[inside] = covered[tuple(at[inside].T)]
+    distance, facing = np.abs((points - centre) @ normal), np.abs(normals @ normal)
+    return np.asarray(inside & (distance < 1.5 * tolerance) & ((facing > 0.8) | (distance < 0.7 * tolerance)))
+
+
+def _regions(
+    points: Float, spacing: Float, searched: Bools, model_area: float, options: SceneOptions
+) -> NDArray[np.int64]:
+    """Return the connected region of each point, largest first; -1 for what is not searched.
+
+    Fragments too small to be searched on their own belong to the region that they are near to: bits of thin parts.
+    """
+    from scipy.spatial import cKDTree
+
+    region = np.full(len(points), -1, np.int64)
+    chosen = np.flatnonzero(searched)
+    if len(chosen) == 0:
+        return region
+    link = max(options.link, options.link_spacings * float(np.median(spacing[chosen])))
+    label = kernels.components(np.ascontiguousarray(points[chosen]), link)
+    areas = np.bincount(label, weights=_areas(spacing[chosen]))
+    large = (areas > options.region_area * ONE_SIDE * model_area) & (np.bincount(label) > options.region_points)
+    rank = np.full(len(areas), -1, np.int64)
+    order = np.argsort(-areas, kind="stable")
+    order = order[large[order]]
+    rank[order] = np.arange(len(order))
+    region[chosen] = rank[label]
+    if not large.any():
+        return region
+    fragments, others = chosen[~large[label]], chosen[large[label]]
+    distance, nearest = cKDTree(points[others]).query(points[fragments], distance_upper_bound=options.margin)
+    near = np.isfinite(distance)
+    region[fragments[near]] = region[others[nearest[near]]]
+    return region
+
+
+def _surroundings(points: Float, searched: Bools, margin: float) -> Bools:
+    """Return what is searched and what lies near it."""
+    from scipy.spatial import cKDTree
+
+    kept = searched.copy()
+    others = np.flatnonzero(~searched)
+    low, high = points[searched].min(axis=0) - margin, points[searched].max(axis=0) + margin
+    others = others[((points[others] > low) & (points[others] < high)).all(axis=1)]
+    coarse = kernels.voxel_means(np.ascontiguousarray(points[searched]), margin / 4)[0]
+    kept[others] = np.isfinite(cKDTree(coarse).query(points[others], distance_upper_bound=margin)[0])
+    return kept

@@ -1,0 +1,70 @@
+"""A nearly round base: its value is told by little, but told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.benchmark.metrics import wrapped
+from pwralign_kin.estimation.doubt.observability import doubted
+from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.refinement.surface_mixture import solved
+from pwralign_kin.se3 import inverse
+from pwralign_kin.simulation import FULL
+
+ROUND = """
+<robot name="turret">
+  <link name="base">
+    <visual><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.05" length="0.2"/></geometry></visual>
+    {bump}
+  </link>
+  <link name="arm">
+    <visual><origin xyz="0.1 0 0.3"/><geometry><box size="0.4 0.1 0.1"/></geometry></visual>
+    <visual><origin xyz="0.3 0 0.4"/><geometry><box size="0.06 0.2 0.2"/></geometry></visual>
+  </link>
+  <joint name="turn" type="continuous">
+    <parent link="base"/><child link="arm"/><origin xyz="0 0 0.05"/><axis xyz="0 0 1"/>
+  </joint>
+</robot>
+"""
+BUMP = '<visual><origin xyz="0.05 0 0.12"/><geometry><box size="0.02 0.012 0.12"/></geometry></visual>'
+
+
+def turret(folder: Path, bump: str) -> pk.ArticulatedModel:
+    (folder / "turret.urdf").write_text(ROUND.format(bump=bump))
+    return pk.ArticulatedModel.from_urdf(folder / "turret.urdf")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_small_feature_tells_how_a_round_base_is_turned(tmp_path: Path, seed: int) -> None:
+    model = turret(tmp_path, BUMP)
+    made = pk.simulate(model, seed=seed)
+    estimate = pk.estimate(model, made.scan)
+    assert estimate.undetermined == ()
+    assert abs(wrapped(estimate.state.joints["turn"] - made.state.joints["turn"])) < np.radians(3.0)
+
+
+def test_a_round_base_tells_nothing(tmp_path: Path) -> None:
+    model = turret(tmp_path, "")
+    estimate = pk.estimate(model, pk.simulate(model, seed=0).scan)
+    assert estimate.undetermined == ("turn",)
+
+
+def test_noise_does_not_leave_a_joint_at_another_of_its_values(tmp_path: Path) -> None:
+    model = turret(tmp_path, BUMP)
+    made = pk.simulate(model, sensor=replace(FULL, points=4000, noise=0.004), seed=1)
+    estimator = Estimator(model, pk.EstimatorOptions(threads=1), None)
+    fit = estimator.fit(made.scan, made.state, None)
+    wrong = model.values(made.state.joints) + np.pi / 2
+    placed = model.root_placement(made.state) @ model.part_placements(model.values(made.state.joints))[1]
+    base = fit.solver.search.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
+    start = solved(fit.solver, base, fit.solver.limited(wrong))
+    assert abs(wrapped(start.values[0] - made.state.joints["turn"])) > 1.0
+    solution, doubt = doubted(fit.solver, start, fit.prior)
+    off = abs(wrapped(solution.values[0] - made.state.joints["turn"]))
+    assert not doubt.undetermined.any()
+    assert off < np.radians(10.0)

@@ -1,0 +1,173 @@
+"""What confidence is computed from, and that it tells right answers from wrong ones."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
+from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.simulation import TIERS, SimulatedScan
+
+GOOD = Evidence(
+    nearby=0.0,
+    lacking=0.0,
+    uneven=1.1,
+    margin=0.05,
+    distinct=8.0,
+    told=8.0,
+    noise=0.002,
+    borne_out=0.6,
+    strange=0.0,
+    astray=0.0,
+    refuted=0.0,
+    continued=0.0,
+    points_per_part=300.0,
+)
+
+
+def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
+    base = search.observation.to_search(arm.root_placement(state))
+    final = Candidates(base[None], (arm.values(state.joints) / units)[None], np.zeros(1, np.float32))
+    return gathered(search, final, final)
+
+
+def shifted(state: pk.State, by: float) -> pk.State:
+    """The state with its base moved by as much (m) along each axis."""
+    T = state.T_scan_base.copy()
+    T[:3, 3] += by
+    return dataclasses.replace(state, T_scan_base=T)
+
+
+def test_the_truth_has_all_evidence_for_it(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    found = evidence(search, arm, full_scan.state, units)
+    assert found.nearby < 0.01
+    assert found.lacking == 0.0
+    assert found.uneven < 1.5
+    assert found.margin > 0.02
+    assert found.distinct > 8.0
+    assert found.astray < 0.02
+    assert confidence(found) > 0.9
+    assert soundness(found) > 0.9
+
+
+def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    true = full_scan.state
+    elbow = true.joints["elbow"]
+    wrong = dataclasses.replace(true, joints={**true.joints, "elbow": elbow - 1.5 * np.sign(elbow)})
+    found = evidence(search, arm, wrong, units)
+    assert found.nearby > 0.01
+    assert found.lacking > 0.1
+    assert found.margin < 0.0
+    assert found.distinct < 0.0
+    assert confidence(found) < 0.2
+    assert soundness(found) < 0.2
+
+
+def test_noise_and_few_points_make_answers_alike(arm: pk.ArticulatedModel) -> None:
+    clear, noisy, few = (
+        pk.estimate(arm, pk.simulate(arm, sensor=sensor, seed=4).scan).evidence.distinct
+        for sensor in (pk.Sensor(noise=0.002), pk.Sensor(noise=0.02), pk.Sensor(noise=0.002, points=300))
+    )
+    assert noisy < 0.7 * clear
+    assert few < 0.7 * clear
+
+
+def test_surface_that_noise_does_not_explain_is_astray(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    found = evidence(search, arm, shifted(full_scan.state, 0.015 * arm.diagonal), units)
+    assert found.strange < 0.05
+    assert found.astray > 0.1
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        {"nearby": 0.05},
+        {"lacking": 0.3},
+        {"uneven": 3.0},
+        {"distinct": 0.0},
+        {"told": 0.0},
+        {"noise": 0.03},
+        {"borne_out": 0.1},
+        {"borne_out": 0.3, "strange": 0.3},
+        {"borne_out": 0.3, "astray": 0.3},
+        {"refuted": 0.5},
+        {"continued": 0.5},
+    ],
+    ids=lambda worse: " ".join(worse),
+)
+def test_every_doubt_lowers_the_confidence(worse: dict[str, float]) -> None:
+    assert confidence(GOOD) > 0.9
+    assert confidence(dataclasses.replace(GOOD, **worse)) < confidence(GOOD) - 0.01
+
+
+@pytest.mark.parametrize("worse", [{"nearby": 0.05}, {"margin": -0.01}, {"borne_out": 0.15}], ids=str)
+def test_every_doubt_makes_an_answer_less_sound(worse: dict[str, float]) -> None:
+    assert soundness(GOOD) > 0.85
+    assert soundness(dataclasses.replace(GOOD, **worse)) < soundness(GOOD) - 0.01
+
+
+def test_what_else_the_scan_holds_does_not_count_against_the_answer(arm: pk.ArticulatedModel) -> None:
+    cluttered = pk.simulate(arm, sensor=TIERS["clutter"], seed=4)
+    estimate = pk.estimate(arm, cluttered.scan)
+    assert estimate.scan_coverage < 0.7
+    assert estimate.confidence > 0.7
+    assert estimate.to_dict()["evidence"]["margin"] == estimate.evidence.margin
+
+
+@pytest.mark.parametrize("size", [0.15, 0.3])
+def test_a_box_is_hardly_taken_for_an_arm(arm: pk.ArticulatedModel, size: float) -> None:
+    random = np.random.default_rng(0)
+    points = random.uniform(-1.0, 1.0, (4000, 3))
+    side = random.integers(3, size=len(points))
+    points[np.arange(len(points)), side] = np.sign(points[np.arange(len(points)), side])
+    estimate = pk.estimate(arm, pk.Scan(size * points * (1.0, 0.7, 0.5)))
+    assert estimate.confidence < 0.2
+
+
+def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    found = evidence(search, arm, shifted(full_scan.state, 100.0 * arm.diagonal), units)
+    assert found.lacking == 1.0
+    assert found.borne_out == 0.0
+    assert confidence(found) < 0.05
+
+
+def test_few_points_a_part_are_little_to_go_by() -> None:
+    chances = [confidence(dataclasses.replace(GOOD, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
+    assert chances[0] < chances[1] - 0.01 < chances[2] - 0.02
+    assert chances[2] == chances[3]
+
+
+def test_where_the_sensor_bends_surfaces_what_is_hardly_a_rival_tells_nothing() -> None:
+    near, none = (dataclasses.replace(GOOD, astray=0.45, told=told) for told in (-10.0, 8.0))
+    assert confidence(near) == confidence(none)
+
+
+def test_what_is_hardly_a_rival_is_told_from_the_answer_too(arm: pk.ArticulatedModel) -> None:
+    found = pk.estimate(arm, pk.simulate(arm, sensor=pk.Sensor(noise=0.01, points=600), seed=4).scan).evidence
+    assert found.told <= found.distinct
+    assert found.refuted == 0.0
+
+
+def test_a_view_looks_past_surface_that_is_not_there(arm: pk.ArticulatedModel) -> None:
+    seen = pk.simulate(arm, sensor=TIERS["single"], seed=4)
+    estimate = pk.estimate(arm, seen.scan)
+    assert estimate.evidence.refuted < 0.1
+    assert estimate.confidence > 0.8
+    ahead = seen.scan.points[np.argsort(seen.scan.points[:, 0])[: len(seen.scan.points) // 3]]
+    torn = pk.estimate(arm, pk.Scan(ahead, sensor_origin=seen.scan.sensor_origin), initial=seen.state)
+    assert torn.evidence.refuted > 0.2

@@ -1,0 +1,66 @@
+"""Surface that lies in something larger: what goes on beyond the model's edges speaks against it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.benchmark.scenes import scene
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.continuation import continued
+from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+
+PLATE = """<robot name="plate"><link name="plate">
+<visual><geometry><box size="0.6 0.4 0.02"/></geometry></visual>
+</link></robot>"""
+EYE = np.array([0.2, 0.1, 3.0])
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
+    path = tmp_path_factory.mktemp("plate") / "plate.urdf"
+    path.write_text(PLATE, encoding="utf-8")
+    return pk.ArticulatedModel.from_urdf(path)
+
+
+def share_continued(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> float:
+    """Return what is continued of the plate at the origin in a scan of `surfaces`."""
+    points = np.concatenate(surfaces) + np.random.default_rng(1).normal(scale=5e-4, size=(sum(map(len, surfaces)), 3))
+    scan = pk.Scan(points, sensor_origin=EYE)
+    ready = observe(scan, plate.diagonal, ObservationOptions(), 1)
+    search = TreeSearch(plate.kernel_model, plate.surfaces, ready, np.zeros(0), SearchOptions(), 1)
+    return continued(search, Candidates.single(ready.to_search(np.eye(4)), np.zeros(0)))
+
+
+def level(width: float, depth: float, height: float) -> np.ndarray:
+    """A horizontal rectangle about the z axis, a point every 6 mm."""
+    x, y = np.meshgrid(np.arange(-width / 2, width / 2, 0.006), np.arange(-depth / 2, depth / 2, 0.006))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+
+
+def test_nothing_goes_on_beyond_the_edges_of_a_plate_that_is_there(plate: pk.ArticulatedModel) -> None:
+    assert share_continued(plate, level(0.6, 0.4, 0.01)) < 0.05
+
+
+def test_a_wall_goes_on_beyond_the_plate_that_is_laid_in_it(plate: pk.ArticulatedModel) -> None:
+    assert share_continued(plate, level(1.6, 1.4, 0.01)) > 0.8
+
+
+def test_what_lies_behind_a_plate_does_not_continue_it(plate: pk.ArticulatedModel) -> None:
+    behind = level(1.6, 1.4, -0.15)
+    seen = (np.abs(behind[:, 0]) > 0.35) | (np.abs(behind[:, 1]) > 0.25)
+    assert share_continued(plate, level(0.6, 0.4, 0.01), behind[seen]) < 0.05
+
+
+def test_a_lid_is_not_laid_in_the_wall_behind_it(robots_folder: Path) -> None:
+    laptop = pk.ArticulatedModel.from_urdf(robots_folder / "laptop" / "laptop.urdf")
+    made = scene(laptop, "laptop", "furniture", 3)
+    found = pk.estimate(laptop, made.scan)
+    for name, value in made.state.joints.items():
+        assert found.state.joints[name] == pytest.approx(value, abs=0.05)
+    assert found.evidence.continued < 0.2
+    assert found.confidence > 0.8
