@@ -15,7 +15,7 @@ from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, matching
 from pwralign_kin.model.flat_faces import flat_faces
 from pwralign_kin.se3 import transform
 
-ROBOTS = Path(__file__).parents[2] / "robots"
+ROBOTS = Path(__file__).parents[3] / "robots"
 SIDES = np.array([0.5, 0.3, 0.2])
 
 

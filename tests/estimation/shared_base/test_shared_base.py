@@ -105,7 +105,7 @@ def test_numbers_of_scans_and_values_must_agree(arm: pk.ArticulatedModel, views:
 
 @pytest.mark.slow
 def test_the_base_repeats_on_real_frames() -> None:
-    beside = Path(__file__).resolve().parents[3] / "shared"
+    beside = Path(__file__).resolve().parents[4] / "shared"
     folder = Path(os.environ.get("PWRALIGN_SHARED", beside)) / "real" / "xarm7"
     wheels = (Path(folder) / "cmeel.prefix/share/example-robot-data/robots" for folder in sys.path)
     urdf = next((robots / XARM for robots in wheels if (robots / XARM).is_file()), None)
