@@ -29,7 +29,7 @@ ESTIMATION = (
 
 ONLY_WHEN_CALLED = {
     "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs",
-    "rich", "rosbags", "scipy", "trimesh", "xacrodoc", "yaml", "yourdfpy",
+    "rich", "rosbags", "scipy", "trimesh", "xacro", "xacrodoc", "yaml", "yourdfpy",
 }  # fmt: skip
 
 FILES = sorted(ROOT.rglob("*.py"))

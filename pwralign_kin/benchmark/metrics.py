@@ -160,8 +160,9 @@ class Ruler:
         """Return the error of each joint: degrees, or percent of a slide's range."""
         model = self.model
         offsets = model.values(answer.joints) - model.values(reference.truth.joints)
-        ranges = np.maximum(model.upper - model.lower, np.finfo(float).tiny)  # of a fixed slide 0, as its offset is
-        errors = np.where(model.prismatic, 100.0 * offsets / ranges, np.degrees([wrapped(o) for o in offsets]))
+        ranges = model.upper - model.lower
+        shares = np.divide(100.0 * offsets, ranges, out=np.zeros_like(offsets), where=ranges > 0.0)
+        errors = np.where(model.prismatic, shares, np.degrees([wrapped(o) for o in offsets]))
         return dict(zip(model.joint_names, np.abs(errors).tolist(), strict=True))
 
     def _told(self, truth: State, observed: tuple[int, ...]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, median, quantile, share
 
 Outcomes = Sequence[Outcome]
-Own = TypeVar("Own")
+AnyOutcome = TypeVar("AnyOutcome")
 
 LEAST_SQUARES = ("default", "no-least-squares", "no-bounds")
 """Methods whose answers differ in the last step only."""
@@ -141,9 +141,9 @@ def correspondence_table(outcomes: Outcomes) -> str:
     return markdown(["robot", *(f" {method}" for method in methods), " time median"], rows)
 
 
-def grouped(outcomes: Iterable[Own], key: Callable[[Own], str]) -> list[tuple[str, list[Own]]]:
+def grouped(outcomes: Iterable[AnyOutcome], key: Callable[[AnyOutcome], str]) -> list[tuple[str, list[AnyOutcome]]]:
     """Return the outcomes by key, the keys in order of appearance."""
-    groups: dict[str, list[Own]] = {}
+    groups: dict[str, list[AnyOutcome]] = {}
     for outcome in outcomes:
         groups.setdefault(key(outcome), []).append(outcome)
     return list(groups.items())

@@ -35,7 +35,7 @@ from pwralign_kin.estimation.sensing.observation import (
 )
 from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene, surroundings_of
 from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import point_text
@@ -178,7 +178,7 @@ class Estimator:
             return estimate
         try:
             other = self._finished(self.fit(near, initial, correspondences, fit.watch, surroundings), initial)
-        except ScanError:  # nothing is left beside the surroundings
+        except (ScanError, CorrespondenceError):  # nothing is left beside the surroundings
             return estimate
         return max(estimate, other, key=lambda answer: soundness(answer.evidence))
 
@@ -203,7 +203,10 @@ class Estimator:
         if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
             return estimate
         scan = fit.scan.without_sensor_origin()
-        other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
+        try:
+            other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
+        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+            return estimate
         if soundness(other.evidence) < SIGHTED:
             return estimate
         logger.warning(

@@ -148,43 +148,39 @@ PointSample Search::sample_of_points(int most) const {
     return {std::move(sampled), std::move(order)};
 }
 
+float Search::gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const {
+    return gain(shuffled[points.order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], F, options.coverage_distance);
+}
+
+Search::Look Search::look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const {
+    const int count = int(sample.points.size());
+    Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(model.parts, 0.f), std::vector<float>(count), 0};
+    std::vector<Rigid> T(model.parts);
+    std::vector<RigidF> F;
+    model.forward(c.base, c.values.data(), T.data());
+    for (const Rigid &t : T) F.push_back(to_float(t));
+    offer(sample.balled, T.data(), parts.data(), look.nearest);
+    for (int at = 0; at < count; ++at) {
+        const int point = shuffled[sample.balled.order[at]];
+        look.owner[point] = look.nearest.part[at];
+        look.gains[at] = gain_at(sample.balled, at, look.nearest, F);
+        look.weight += field.weight[point] * field.area[point];
+    }
+    update_support(look.owner, F, options.coverage_distance, parts.data(), look.support.data());
+    return look;
+}
+
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
     constexpr int few_points = 350, most_points = 1500;
     const int n = model.parts;
     std::vector<uint8_t> all_parts(n);
     for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
-    // What a sample of the points tells of a configuration as it is, for all that stands still while a joint moves.
-    struct Look {
-        PointSample sample;
-        Nearest nearest;
-        std::vector<int> owner; // of each scan point
-        std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
-        float weight;
-    };
-    auto gain_at = [&](const Look &look, int at, const Nearest &to, const std::vector<RigidF> &F) {
-        return gain(shuffled[look.sample.balled.order[at]], to.part[at], to.sample[at], to.distance[at], F, options.coverage_distance);
-    };
-    std::vector<Look> looks;
-    for (const Configuration &c : from)
-        for (const int points : {few_points, most_points}) {
-            PointSample sample = sample_of_points(points);
-            const int count = int(sample.points.size());
-            Look look{std::move(sample), Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(n, 0.f), std::vector<float>(count), 0};
-            std::vector<Rigid> T(n);
-            std::vector<RigidF> F;
-            model.forward(c.base, c.values.data(), T.data());
-            for (const Rigid &t : T) F.push_back(to_float(t));
-            offer(look.sample.balled, T.data(), all_parts.data(), look.nearest);
-            for (int at = 0; at < count; ++at) {
-                const int point = shuffled[look.sample.balled.order[at]];
-                look.owner[point] = look.nearest.part[at];
-                look.gains[at] = gain_at(look, at, look.nearest, F);
-                look.weight += field.weight[point] * field.area[point];
-            }
-            update_support(look.owner, F, options.coverage_distance, all_parts.data(), look.support.data());
-            looks.push_back(std::move(look));
-        }
+    const PointSample samples[] = {sample_of_points(few_points), sample_of_points(most_points)};
+    std::vector<Look> looks(2 * from.size());
+    parallel_for(int64_t(looks.size()), options.threads, [&](int64_t i) {
+        looks[i] = look_at(from[i / 2], samples[i % 2], all_parts);
+    });
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
@@ -236,9 +232,9 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         // Few points tell which values are worth a look with many.
         std::vector<int> modes(tried.size());
         std::iota(modes.begin(), modes.end(), 0);
-        for (const int few : {1, 0}) {
-            const Look &look = looks[2 * task.configuration + 1 - few];
-            const BalledPoints &points = look.sample.balled;
+        for (const int many : {0, 1}) {
+            const Look &look = looks[2 * task.configuration + many];
+            const BalledPoints &points = samples[many].balled;
             const int count = int(points.order.size());
             model.forward(c.base, c.values.data(), T.data());
             for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
@@ -253,7 +249,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                     balls[at / lane_count] = 1, taken.push_back(at);
                 }
             offer(points, T.data(), stays.data(), before, balls.data());
-            for (const int at : taken) gains[at] = gain_at(look, at, before, F);
+            for (const int at : taken) gains[at] = gain_at(points, at, before, F);
             const float still = std::accumulate(gains.begin(), gains.end(), 0.f);
             // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
             std::vector<int> owner = look.owner;
@@ -265,13 +261,13 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                 offer(points, T.data(), moves.data(), now);
                 float gained = 0;
                 for (int at = 0; at < count; ++at)
-                    if (now.part[at] != before.part[at]) gained += gain_at(look, at, now, F) - gains[at];
+                    if (now.part[at] != before.part[at]) gained += gain_at(points, at, now, F) - gains[at];
                 if (!field.has_origin)
                     for (int at = 0; at < count; ++at) owner[shuffled[points.order[at]]] = now.part[at];
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 tried[v].score = row[v] = total_score((still + gained) / look.weight, support.data()) - cost(tried[v], F);
             }
-            modes = best_modes(row, few ? 3 * keep : keep, first, second);
+            modes = best_modes(row, many ? keep : 3 * keep, first, second);
         }
         for (int v : modes) found[t].push_back(tried[v]);
     });

@@ -82,7 +82,7 @@ struct Nearest {
     std::vector<float> distance; // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
 
-    Nearest(int64_t count, float cap);
+    explicit Nearest(int64_t count = 0, float cap = 0);
 };
 
 struct SweepTask {
@@ -204,6 +204,13 @@ class Search {
         const float *part_weights;
         const std::vector<Hypothesis> *placed; // where parts may be; null: not known
     };
+    // What a sample of the points tells of a configuration as it is, for all that stands still while a joint moves.
+    struct Look {
+        Nearest nearest;
+        std::vector<int> owner; // of each scan point
+        std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
+        float weight = 0;
+    };
     // The weights of scan points, null where all are 1: that need not be looked up.
     static const float *weights_or_none(const std::vector<float> &weights);
     float part_score(int part, const RigidF &T, int first, int last, float distance,
@@ -238,6 +245,8 @@ class Search {
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
     PointSample sample_of_points(int most) const;
+    float gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const;
+    Look look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const;
     float total_score(float covered, const float *support) const;
     std::vector<uint8_t> joined_parts() const;
     float overlap(const std::vector<RigidF> &T) const;

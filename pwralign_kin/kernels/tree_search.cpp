@@ -333,14 +333,15 @@ bool Search::is_wide(const std::vector<Edge> &path) const {
 }
 
 // States in which the part at the end of the path is where one of its hypotheses places it, all joints of the path
-// solved together.
+// solved together. States in which one of these joints is known have nothing to solve.
 std::vector<Search::Partial> Search::brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
                                              const std::vector<Hypothesis> &placed) const {
     constexpr int starts = 6, kept = 2;
     constexpr float tolerance = .03f;
     std::vector<Partial> reached;
-    for (const Partial &state : states)
-        for (size_t h = 0; h < placed.size(); ++h) {
+    for (const Partial &state : states) {
+        const bool is_open = std::none_of(path.begin(), path.end(), [&](const Edge &e) { return state.known[model.actuated[e.joint]]; });
+        for (size_t h = 0; is_open && h < placed.size(); ++h) {
             if (placed[h].part != path.back().to) continue;
             const ReachTask task{0, node, placed[h].part, placed[h].T};
             for (const Configuration &c : closed(task, state.T[node], state.values, Random(h + 1), starts, kept, tolerance)) {
@@ -352,11 +353,14 @@ std::vector<Search::Partial> Search::brought(const std::vector<Partial> &states,
                     next.T[e.to] = next.T[from] * (e.to == e.joint ? motion : inverse(motion));
                     next.values[joint] = c.values[joint];
                     next.known[joint] = 1;
+                    next.score -= prior.joint_cost(joint, c.values[joint]);
+                    if (e.to == 0) next.score -= prior.base_cost(next.T[0]);
                     from = e.to;
                 }
                 reached.push_back(std::move(next));
             }
         }
+    }
     return reached;
 }
 

@@ -65,9 +65,10 @@ def read(path: Path | str) -> FileContent:
         content = reader(data, path)
         if content.faces is None:
             return content
-        corners = np.unique(content.points[content.faces].reshape(-1, 3), axis=0)
-        if len(corners) >= LEAST_VERTICES and bent_share(content.points, content.faces) >= CHORDS:
-            return FileContent(points=corners)
+        if len(content.faces) < MESH_SAMPLES and bent_share(content.points, content.faces) >= CHORDS:
+            corners = np.unique(content.points[np.unique(content.faces)], axis=0)
+            if len(corners) >= LEAST_VERTICES:
+                return FileContent(points=corners)
         return FileContent(points=_sampled(content.points, content.faces, path))
 
 

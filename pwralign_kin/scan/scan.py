@@ -199,7 +199,7 @@ class Scan:
         """Least and greatest corner (3,) of the axis-aligned bounding box, m."""
         # Coordinate by coordinate: NumPy takes five times as long for rows of three.
         x, y, z = self.points.T
-        return np.array([x.min(), y.min(), z.min()]), np.array([x.max(), y.max(), z.max()])
+        return _frozen(np.array([x.min(), y.min(), z.min()])), _frozen(np.array([x.max(), y.max(), z.max()]))
 
     @property
     def extent(self) -> Array:

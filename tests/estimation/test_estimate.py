@@ -13,6 +13,7 @@ import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences
 from pwralign_kin.estimation.answers import answer_search
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.se3 import exp
@@ -406,6 +407,7 @@ def test_a_wrong_sensor_origin_is_dropped(
     wrong = middle + (np.cross(seen_from, [0.3, -0.5, 0.8]) if where == "side" else -seen_from)
     estimate = pk.estimate(arm, pk.Scan(points, sensor_origin=wrong))
     assert "sensor origin is not used" in caplog.text
+    assert not estimate.viewpoint_known
     assert worst_joint(arm, estimate, single_scan.state) < 0.02
     assert estimate.confidence > 0.5
 
@@ -413,8 +415,38 @@ def test_a_wrong_sensor_origin_is_dropped(
 def test_a_right_sensor_origin_is_kept(
     arm: pk.ArticulatedModel, single_scan: SimulatedScan, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert pk.estimate(arm, single_scan.scan).evidence.refuted >= 0.0
+    assert pk.estimate(arm, single_scan.scan).viewpoint_known
     assert "sensor origin" not in caplog.text
+
+
+def test_an_answer_stands_where_nothing_is_found_without_the_sensor_origin(
+    arm: pk.ArticulatedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ball = np.random.default_rng(0).normal(size=(2000, 3))
+    ball *= 0.4 * arm.diagonal / np.linalg.norm(ball, axis=1)[:, None]
+    seen = pk.Scan(ball[ball[:, 2] > 0.1 * arm.diagonal], sensor_origin=[0.0, 0.0, 4.0 * arm.diagonal])
+    searched = []
+    without_guess = AnswerSearch.without_guess
+
+    def blind(search: AnswerSearch) -> Candidates:
+        searched.append(search.search.observation.single_view)
+        if not searched[-1]:
+            raise CorrespondenceError("scan", "nothing placed")
+        return without_guess(search)
+
+    monkeypatch.setattr(AnswerSearch, "without_guess", blind)
+    assert pk.estimate(arm, seen).viewpoint_known
+    assert searched == [True, False]
+
+
+@pytest.mark.parametrize(("seed", "known"), [(3, False), (9, True), (21, False)])
+def test_a_few_points_of_anything_have_an_answer(arm: pk.ArticulatedModel, seed: int, known: bool) -> None:
+    """Of some, nothing was near the answers or the fit of greatest likelihood had no step to take."""
+    rng = np.random.default_rng(seed)
+    count, length = int(rng.integers(21, 45)), rng.uniform(0.5, 1.2) * arm.diagonal
+    points = rng.uniform(-0.5, 0.5, (count, 3)) * [length, 0.3 * length, 0.02 * arm.diagonal]
+    estimate = pk.estimate(arm, pk.Scan(points, sensor_origin=[0, 0, 3 * arm.diagonal] if known else None))
+    assert estimate.confidence < 0.5
 
 
 def test_a_joint_that_much_noise_hides_is_weighed_all_the_same(arm: pk.ArticulatedModel) -> None:

@@ -295,6 +295,13 @@ def test_coarse_meshes_give_their_vertices(tmp_path: Path, suffix: str, steps: i
         assert np.linalg.norm(scan.points, axis=1) == pytest.approx(np.ones(len(scan)), abs=1e-6)
 
 
+def test_a_fine_mesh_that_noise_bends_is_sampled(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=6)
+    noise = 0.2 * sphere.edges_unique_length.mean() * np.random.default_rng(0).normal(size=sphere.vertices.shape)
+    trimesh.Trimesh(sphere.vertices + noise, sphere.faces, process=False).export(tmp_path / "fine.stl")
+    assert len(Scan.load(tmp_path / "fine.stl")) == 50_000
+
+
 def test_meshes_of_flat_faces_are_sampled_however_few_or_many_triangles_they_have(tmp_path: Path) -> None:
     box = trimesh.creation.box().subdivide().subdivide()
     box.export(tmp_path / "box.obj")

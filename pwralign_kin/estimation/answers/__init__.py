@@ -1,1 +1,1 @@
-"""From hypotheses to ranked answers: searches until they agree, equal answers, close calls decided."""
+"""From hypotheses to ranked answers: searches until they agree, equal answers, limbs mended, close calls decided."""

@@ -21,7 +21,7 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, r
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import Float
+from pwralign_kin.estimation.sensing.observation import LEAST_POINTS, Float
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import CorrespondenceError
@@ -227,7 +227,7 @@ class AnswerSearch:
 
     def _is_close(self, best: Candidates) -> bool:
         """Return whether an answer that lacks parts lies as close to the scan as a right one would."""
-        if self.search.observation.scene or self._lacking(best) <= WORTH_WIDE_BEAMS:
+        if self._lacking(best) <= WORTH_WIDE_BEAMS:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
@@ -265,6 +265,7 @@ class AnswerSearch:
         )  # fmt: skip
         several: list[Candidates] = []
         answers: list[Candidates] = []
+        looked: list[Candidates] = []
         for attempt in range(self.effort.searches):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
@@ -275,20 +276,22 @@ class AnswerSearch:
             left = unlike(self.search, Candidates.concatenate(several), answers, options.apart).best_first()
             if len(left):
                 with self.watch.stage("repair"):
-                    answers.append(self._repaired_one_by_one(left))
+                    answers.append(self._repaired_one_by_one(seed, left, looked))
             best = self._distinct(answers)
             if self._is_sound(best):
                 break
         return best
 
-    def _repaired_one_by_one(self, candidates: Candidates) -> Candidates:
+    def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
         one answer is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        short = replace(self.repairing, rounds=options.rounds)
-        looks = sorted(self._looks(candidates), key=lambda look: -look.best.scores[0])
+        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds))
+        looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
+        if not looks:
+            return self._distinct([priced(search, candidates)])
         several = []
-        for look in looks[: max(1, round(options.finalists * search.effort))]:
+        for look in looks[: max(1, round(options.finalists * search.share_tried))]:
             repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
             solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
             # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
@@ -297,9 +300,9 @@ class AnswerSearch:
                 break
         return self._distinct(several)
 
-    def _looks(self, candidates: Candidates) -> Iterator[_Look]:
+    def _looks(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Iterator[_Look]:
         """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
-        one is convincing.
+        one is convincing. What was `looked` at before is not looked at again; it grows.
 
         A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
         it explains more.
@@ -307,17 +310,19 @@ class AnswerSearch:
         search, options = self.search, self.options.scene_search
         scored = priced(search, candidates)
         rankings = scored, Candidates(scored.bases, scored.values, search.coverage(scored))
-        seen: list[Candidates] = []
-        for rank in range(max(1, round(options.leaders * search.effort))):
-            left = unlike(search, rankings[rank % 2], seen, options.apart)
+        for rank in range(max(1, round(options.leaders * search.share_tried))):
+            left = unlike(search, rankings[rank % 2], looked, options.apart)
             if len(left) == 0:
                 return
             leader = left.best_first().take([0])
+            looked.append(leader)
             focused = search.about(leader, options.focus)
+            if focused is search or focused.searched.sum() < LEAST_POINTS:
+                continue  # nothing is near it
             closely = self._closely(focused)
-            found = closely._found(self.options.seed, closely.search, leader)
+            found = closely._found(seed, closely.search, leader)
             best = priced(search, search.scored(found)[0]).best_first().take([0])
-            seen += [leader, best]
+            looked.append(best)
             yield _Look(focused, closely, found, best)
             if self._is_convincing(best):
                 return
@@ -329,8 +334,8 @@ class AnswerSearch:
         """
         options, scene = self.options, self.search.observation
         view = close_up(scene, focused.searched, options.observation, options.scene, self.search.threads)
-        watch = Stopwatch(self.watch.progress)
-        return AnswerSearch(self.model, self.search.of(view), options, self.correspondences, watch)
+        # Its stages are all repair of the scene. Correspondences have had their say in the whole of it.
+        return AnswerSearch(self.model, self.search.of(view), options, None, Stopwatch(self.watch.progress))
 
     def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))

@@ -38,8 +38,8 @@ def contested(
 ) -> Candidates | None:
     """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
 
-    `evidence` is that for the final configuration, and those `equal` to it are no rivals of it. None where there is no
-    such rival, and in a scene, where most points are of other things.
+    `evidence` is that for the configuration before it is mended, and those `equal` to that are no rivals. None where
+    there is no such rival, and in a scene, where most points are of other things.
     """
     search = solver.search
     if search.observation.scene or search.known.held:

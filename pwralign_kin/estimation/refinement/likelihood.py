@@ -42,8 +42,11 @@ def likeliest(solver: JointLeastSquares, several: Candidates, prior: Array) -> i
 
 
 def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
-    """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer."""
+    """Return (m,) the logarithms, up to a common constant, each at the maximum near to the answer; all 0 where
+    no points are near the first of them."""
     points = _points_near(solver, several.take([0]))
+    if len(points) == 0:
+        return np.zeros(len(several))
     few = np.ascontiguousarray(points[:: max(1, len(points) // FEW_POINTS)])
     first = _Look(solver, few, several.bases[0], several.values[0])
     noise = max(LEAST_NOISE, 1.4826 * float(np.median(first.distance)))

@@ -10,6 +10,7 @@ Measurement 3/4, 1974), and its inverse for the covariance. CasADi solves the bo
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,8 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
 )
 from pwralign_kin.model.surface import fibonacci_directions
 from pwralign_kin.se3 import Array
+
+logger = logging.getLogger(__name__)
 
 SPACING, FINEST = 1.2, 0.003
 """Side of the patches of surface, in standard deviations of the noise, and at least (model diagonals)."""
@@ -103,7 +106,11 @@ class SurfaceMixture:
         now = self.evidence(at, FIRST_STRAYS)
         while not ended and steps < STEPS:
             steps += 1
-            step = self.step(at, now, damping)
+            try:
+                step = self.step(at, now, damping)
+            except np.linalg.LinAlgError as error:
+                logger.warning("%s: the answer has not converged", error)
+                break
             there = self.moved(at, step)
             then = self.evidence(there, float(np.clip(now.strays, LEAST_STRAYS, MOST_STRAYS)))
             expected, gained = 0.5 * float(step @ now.g), then.log_likelihood - now.log_likelihood

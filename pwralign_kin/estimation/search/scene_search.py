@@ -104,7 +104,7 @@ class RegionSearch:
         In a `further` search more is tried.
         """
         search = self.search
-        options = self.options.scaled(max(1.0, self.options.further * search.effort)) if further else self.options
+        options = self.options.scaled(max(1.0, self.options.further * search.share_tried)) if further else self.options
         sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
         found = [
             self._searched(options, source, hypotheses, share)

@@ -286,7 +286,7 @@ class TreeSearch:
         return len(self.exists) > self.options.many_parts
 
     @property
-    def effort(self) -> float:
+    def share_tried(self) -> float:
         """Share of what is tried for a model of few parts: time grows with the number of parts."""
         return min(1.0, self.options.many_parts / len(self.exists))
 

@@ -30,17 +30,18 @@ FEWEST = 2000
 SLENDER, FLAT_LINE = 0.3, 0.1
 """The nearest neighbours lie on a scan line if they spread so little across it, against along it, and so little across
 a plane through it, against across the line (variances)."""
-ON_LINE = 0.12
-"""A neighbourhood is of one scan line if, noise aside, its variance across the line is this share of that along it."""
+ON_LINE, LINE_POINTS = 0.12, 4
+"""A neighbourhood of at least so many points is of one scan line if, noise aside, its variance across the line is less
+than this share of that along it."""
 LINES = 0.25
 """Share of neighbourhoods of one scan line from which all are widened until they hold several, ..."""
 WIDER, WIDENINGS = 1.5, 5
 """... each time by so much, so often at most."""
 LINE_PIXEL = 0.72
 """Pixel of the depth image that leaves no space between scan lines empty, as a share of their distance."""
-HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, HIDING_RANGE = 20000, 0.02, 0.06, 0.2
-"""Points of which it is told whether they hide each other, pixels that they then share (model diagonals, at their usual
-range, or this if it is less), and how far apart in depth."""
+HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, LEAST_HIDING_RANGE = 20000, 0.02, 0.06, 0.2
+"""Whether points hide each other is told of so many of them: those in one pixel, this wide at their median range (or at
+the last of these, if that is more), that lie so much behind the nearest. Lengths in model diagonals."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
@@ -227,23 +228,24 @@ def normals_of(
     """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing; and how far
     apart scan lines are, where a spinning sensor leaves many points' spacings between them, else 0."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
-    normals, _, variances, _ = kernels.local_planes(points, radius, threads)
-    on_line, gap = _on_line(variances, noise), 0.0
+    normals, _, variances, neighbours = kernels.local_planes(points, radius, threads)
+    on_line, gap = _on_line(variances, neighbours, noise), 0.0
     for _ in range(WIDENINGS):
         if on_line.mean() < LINES:
             break
         radius *= WIDER
         gap = radius / options.neighbour_spacings
-        wider, _, variances, _ = kernels.local_planes(points, radius, threads)
-        told = on_line & ~_on_line(variances, noise)
+        wider, _, variances, neighbours = kernels.local_planes(points, radius, threads)
+        told = on_line & ~_on_line(variances, neighbours, noise)
         normals[told] = wider[told]
         on_line &= ~told
     return np.asarray(normals), gap
 
 
-def _on_line(variances: Float, noise: float) -> NDArray[np.bool_]:
-    """Return which neighbourhoods with these `variances` (n, 3) are of one scan line, which noise widens."""
-    return np.asarray(variances[:, 1] - noise**2 < ON_LINE * variances[:, 2])
+def _on_line(variances: Float, neighbours: NDArray[np.int32], noise: float) -> NDArray[np.bool_]:
+    """Return which neighbourhoods with these `variances` (n, 3) are of one scan line, which noise widens; few points
+    always lie on some line."""
+    return np.asarray((neighbours >= LINE_POINTS) & (variances[:, 1] - noise**2 < ON_LINE * variances[:, 2]))
 
 
 def depth_pixel(gap: float, options: ObservationOptions) -> float:
@@ -400,13 +402,12 @@ def seen_through(scan: Scan, diagonal: float) -> float:
 
     At depth edges, where pixels see both sides or mix them, some always are.
     """
-    points = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE)
     origin = common_origin(scan, np.zeros(3), diagonal)
     if origin is None or scan.camera is not None:
         return 0.0
-    rays = points - origin
+    rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
     ranges = np.linalg.norm(rays, axis=1)
-    pixel = HIDING_PIXEL / max(float(np.median(ranges)), HIDING_RANGE)
+    pixel = HIDING_PIXEL / max(float(np.median(ranges)), LEAST_HIDING_RANGE)
     directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
     cell = kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
     nearest = np.full(cell.max() + 1, np.inf)

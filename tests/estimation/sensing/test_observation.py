@@ -54,6 +54,13 @@ def test_normals_of_scan_lines_are_of_the_surface_between_them() -> None:
     assert np.median(np.einsum("ij,ij->i", outward, observation.normals)) > 0.95
 
 
+def test_sparse_points_are_on_no_scan_lines() -> None:
+    wall = np.column_stack([RNG.uniform(-2, 2, (4000, 2)), np.full(4000, -3.0)]) + 0.002 * RNG.normal(size=(4000, 3))
+    both = np.concatenate([sphere(8000, 0.002), wall])
+    assert prepared(both, stray_distance=9.0, remove_planes=False).line_gap == 0.0
+    assert prepared(scan_lines(0.002)[0]).line_gap > 0.02
+
+
 def test_details_do_not_count_as_noise() -> None:
     rods = np.concatenate([sphere(2000) * [0.02, 0.02, 1] + [0.05 * k, 0, 0] for k in range(4)])
     assert prepared(rods).noise < 0.002

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.knowledge.correspondences import FpfhMatcher
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
-from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions
+from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, unlike
 from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of
@@ -281,12 +281,42 @@ def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedMo
     assert (own & named).sum() > 0.8 * named.sum()
 
 
+def true_pairs(model: pk.ArticulatedModel, state: pk.State) -> list[np.ndarray]:
+    """Points of the surface with all joints 0, and where they are in the scan."""
+    zero = model.part_placements(np.zeros(len(model.joint_names)))
+    posed = state.T_scan_base @ model.part_placements(model.values(state.joints))
+    local = [surface.samples * model.diagonal for surface in model.surfaces]
+    return [np.concatenate([transform(T, x) for T, x in zip(at, local, strict=True)]) for at in (zero, posed)]
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_right_correspondences_do_no_harm(excavator: pk.ArticulatedModel, seed: int) -> None:
+    """Looks away from the model have none of their targets."""
+    made = simulate_scene(excavator, room=Room(contacts=1), seed=seed)
+    source, target = true_pairs(excavator, made.state)
+    estimate = pk.estimate(excavator, made.scan, correspondences=Correspondences(source, target, np.ones(len(source))))
+    ruler = Ruler(excavator)
+    assert ruler.score(ruler.reference(made.state, made.labels[made.labels >= 0]), estimate.state).overlay
+
+
+def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
+    search = searching(excavator, observed(excavator, scene.scan))
+    options = pk.EstimatorOptions(threads=2)
+    answers = AnswerSearch(excavator, search, options, None, Stopwatch())
+    regions = RegionSearch(search, options.scene_search, None, pairs=True, faces=FaceOptions())
+    candidates = regions.candidates(0, Hypotheses.nothing(), further=False)
+    assert candidates is not None
+    looked: list[Candidates] = []
+    for seed in (0, 1):
+        before = list(looked)
+        assert list(answers._looks(seed, candidates, looked))
+        leader = looked[len(before)]
+        assert len(unlike(search, leader, before, options.scene_search.apart)) == 1
+
+
 def test_correspondences_alone_find_the_model(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     rng = np.random.default_rng(0)
-    zero = excavator.part_placements(np.zeros(len(excavator.joint_names)))
-    posed = scene.state.T_scan_base @ excavator.part_placements(excavator.values(scene.state.joints))
-    local = [surface.samples * excavator.diagonal for surface in excavator.surfaces]
-    source, target = (np.concatenate([transform(T, x) for T, x in zip(at, local, strict=True)]) for at in (zero, posed))
+    source, target = true_pairs(excavator, scene.state)
     wrong = rng.random(len(target)) < 0.4
     target[wrong] = rng.permutation(scene.scan.points)[: wrong.sum()]
     alone = pk.EstimatorOptions(sources=())
