@@ -16,7 +16,7 @@ from pwralign_kin.estimation.sensing.observation import Float
 
 @dataclass(frozen=True)
 class SceneSearchOptions:
-    """How much is tried in every region."""
+    """How much is tried in every region, and how closely the best answers of all are looked at."""
 
     convincing: float = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""

@@ -10,7 +10,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, median, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -155,12 +155,6 @@ def test_normals_of_points_on_an_answer_are_compared_with_its_own(search: TreeSe
     np.testing.assert_allclose(search.native.facing(normals, placements, part, sample), 1.0, atol=1e-5)
     expected = 2.0 * search.surfaces[0].dense_normals[:5, 2] ** 2 - 1.0
     np.testing.assert_allclose(search.native.facing(normals, turned, part, sample), expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("count", [1, 2, 7, 4000])
-def test_the_median_is_that_of_numpy(count: int) -> None:
-    values = np.random.default_rng(count).random(count).astype(np.float32)
-    assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
 
 
 def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, observe, seen_through
+from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, median, observe, seen_through
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
 
@@ -33,6 +33,12 @@ def scan_lines(noise: float) -> tuple[np.ndarray, np.ndarray]:
 
 def prepared(points: np.ndarray, sensor_origin: np.ndarray | None = None, **options: object) -> Observation:
     return observe(pk.Scan(points, sensor_origin=sensor_origin), 1.0, ObservationOptions(**options), 2)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 4000])
+def test_the_median_is_that_of_numpy(count: int) -> None:
+    values = np.random.default_rng(count).random(count).astype(np.float32)
+    assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
 
 
 @pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])

@@ -248,7 +248,8 @@ def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
 
     closely = answers._closely(search.about(astray, SceneSearchOptions().focus))
-    found = closely._once(0, closely.search)
+    looked = closely._found(0, closely.search, astray)
+    found = closely._narrowly_repaired(closely.search, looked, turn=True)
 
     true = search.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
     errors = np.linalg.norm(search.probe_positions(found) - true, axis=-1).mean(axis=1)
