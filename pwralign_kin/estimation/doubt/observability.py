@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answers.answer_search import finest
+from pwralign_kin.estimation.doubt.cancelling import parted
 from pwralign_kin.estimation.doubt.joint_profile import profiled
 from pwralign_kin.estimation.doubt.uncertainty import (
     PROBE_SLIDE,
@@ -71,13 +72,17 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     if loose.any():
         solution, sure = _compared(solver, solution, np.flatnonzero(loose), errors)
         undetermined &= ~sure
+    parting = parted(solver, solution, errors)
+    solution = parting.solution
+    undetermined |= parting.untold
     if undetermined.any():
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(undetermined):
             base, values = _at_prior(solver, base, values, int(joint), prior)
-        solution = solved(solver.with_locked(undetermined, values), base, values, solution.problem.blur)
+        held = undetermined | parting.held
+        solution = solved(solver.with_locked(held, values), base, values, solution.problem.blur)
     H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
-    return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined))
+    return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined, parting.covariance))
 
 
 def _compared(

@@ -122,12 +122,16 @@ def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Erro
     return np.asarray(H)
 
 
-def covariance(H: Array, locked: NDArray[np.bool_], undetermined: NDArray[np.bool_]) -> Array:
-    """Return the covariance of base twist and joints from its inverse `H`; zero rows for joints without a value of
-    their own: the doubt about undetermined ones is in the base's rows, if it is the base that they turn."""
+def covariance(
+    H: Array, locked: NDArray[np.bool_], undetermined: NDArray[np.bool_], besides: Array | float = 0.0
+) -> Array:
+    """Return the covariance of base twist and joints from its inverse `H`, and what there is `besides`; zero rows for
+    joints without a value of their own: the doubt about undetermined ones is in the base's rows, if it is the base that
+    they turn."""
     free = np.concatenate([np.ones(6, bool), ~locked])
     result = np.zeros_like(H)
     result[np.ix_(free, free)] = np.linalg.inv(H[np.ix_(free, free)] + 1e-6 * np.eye(int(free.sum())))
+    result += besides
     silent = 6 + np.flatnonzero(undetermined)
     result[silent] = result[:, silent] = 0.0
     return result
