@@ -155,7 +155,7 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
-        "present: intercept", "unlike and not borne out", "borne out", "distinct", "continued", "refuted",
+        "present: intercept", "unlike and not confirmed", "shown", "distinct", "continued", "refuted",
         "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
     )  # fmt: skip
     present = fitted_presence(outcomes, elsewhere)

@@ -276,6 +276,9 @@ class Search:
     def distances(
         self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
     ) -> NDArray[np.float32]: ...
+    def in_sight(
+        self, placements: NDArray[np.float64], distance: float, cosine: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     def normal_equations(
         self,
         placements: NDArray[np.float64],

@@ -549,6 +549,14 @@ void bind_search(nb::module_ &m) {
             }
             return to_numpy(std::move(out), {count, points.shape(0)});
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("in_sight", [](const Search &self, Placements placements, float distance, float cosine) {
+            const size_t n = self.model.parts;
+            require(placements.shape(0) == n, "one placement per part is needed");
+            std::vector<Rigid> T;
+            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            Search::Sight sight = self.in_sight(T, distance, cosine);
+            return nb::make_tuple(to_numpy(std::move(sight.shown)), to_numpy(std::move(sight.confirmed)));
+        }, "placements"_a, "distance"_a, "cosine"_a)
         .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;
             require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");

@@ -5,6 +5,13 @@
 
 namespace pwr {
 
+namespace {
+
+constexpr int samples_in_sight = 300; // of each part, at most
+constexpr float grazing = .15f;       // cosine between normal and view below which a sensor hardly sees surface
+
+} // namespace
+
 Nearest::Nearest(int64_t count, float cap) : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
 
 void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to, const uint8_t *balls) const {
@@ -94,6 +101,31 @@ float Search::violation(int part, const RigidF &T, float distance) const {
         sum += at.w * (at.squared < limit ? mismatch : at.free);
     }
     return -sum_of_lanes(sum) / s.cumulated[count];
+}
+
+Search::Sight Search::in_sight(const std::vector<Rigid> &T, float distance, float cosine) const {
+    const float limit = distance * distance;
+    Sight sight{std::vector<float>(model.parts, 0.f), std::vector<float>(model.parts, 0.f)};
+    for (int p = 0; p < model.parts; ++p) {
+        const Surface &s = model.surface[p];
+        if (!s.exists) continue;
+        const RigidF F = to_float(T[p]);
+        const int count = s.count(samples_in_sight);
+        FloatLanes shown{}, confirmed{};
+        for (int i = 0; i < count; i += lane_count) {
+            const SampleLanes at(field, s, F, i, count);
+            const VecLanes view = field.sensor - at.place;
+            const IntLanes faces = (at.seen > 0) & (at.seen * at.seen > grazing * grazing * dot(view, view)) & (at.free > 0);
+            const FloatLanes w = !field.has_origin ? at.w : faces ? at.w : FloatLanes{};
+            // Of either side: the point nearest to a thin plate's surface may be on its back.
+            const FloatLanes agreement = dot(rotate(F, s.lane_normals.at(i)), at.normal);
+            shown += w;
+            confirmed += (at.squared < limit) & (agreement * agreement > cosine * cosine) ? w : FloatLanes{};
+        }
+        sight.shown[p] = sum_of_lanes(shown) / s.cumulated[count];
+        sight.confirmed[p] = sum_of_lanes(confirmed) / s.cumulated[count];
+    }
+    return sight;
 }
 
 // Support of the parts in `mask`.

@@ -135,6 +135,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
             told=8.0,
             noise=0.002,
             borne_out=0.6,
+            in_sight=0.85,
             strange=0.0,
             astray=0.0,
             refuted=0.0,

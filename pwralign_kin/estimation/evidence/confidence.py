@@ -7,12 +7,14 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.32, 4.15, 0.49, 0.28, -2.15, -0.5)
+PRESENT = (3.77, 5.5, 3.38, 0.45, -1.96, -0.53)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
 confidence`, which shows what it finds beside these."""
+SHOWN = (0.2, 0.8)
+"""How much surface is in sight, against what a scan usually shows: less tells no more, nor does more."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""
@@ -37,16 +39,17 @@ def confidence(evidence: Evidence) -> float:
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (5,).
 
-    What lies on or near the model and is not of it to within the noise counts the more, the less of the model is borne
-    out: masks leak and sensors bend surfaces, and parts that a scan lacks bear nothing out, but neither does both. In
-    something else, many answers are about as good, surface that only coincides with the model's goes on beyond it, and
-    a view from one side looks past much of the model.
+    What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
+    is confirmed: masks leak and sensors bend surfaces, and scans have holes, but neither does both. In something else,
+    answers turn most of the model away, many of them are about as good, surface that only coincides with the model's
+    goes on beyond it, and a view from one side looks past much of the model.
     """
     unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
     return np.array(
         [
-            unlike * np.log(np.clip(evidence.borne_out, 0.05, 0.6) / 0.6),
-            np.log(np.clip(evidence.borne_out, 0.01, 0.4)),
+            unlike * np.log(np.clip(evidence.in_sight, 0.1, 0.8) / 0.8),
+            np.log(np.clip(shown, *SHOWN)),
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
             10.0 * (np.clip(evidence.refuted, *REFUTED) - REFUTED[0]),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import continued, continued_beside
-from pwralign_kin.estimation.search.tree_search import BAND, TreeSearch
+from pwralign_kin.estimation.search.tree_search import ALIKE, BAND, TreeSearch
 from pwralign_kin.estimation.sensing.observation import median
 
 LEAST_POINTS = 8
@@ -31,8 +31,6 @@ PROBES = 40
 BLUR, REACH = 0.012, BAND
 """Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
 when answer and rivals are told apart."""
-ALIKE = 0.7
-"""Cosine between the normals of a scan point and of the model there, from which they agree."""
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 ASTRAY = 0.2
@@ -71,6 +69,10 @@ class Evidence:
 
     borne_out: float
     """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
+
+    in_sight: float
+    """Share of the model's surface that points confirm, of that which is in sight: a single view does not show what is
+    turned away, or hidden by what it saw."""
 
     strange: float
     """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
@@ -122,6 +124,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         told,
         observation.noise,
         confirmed * float(shares @ weights) / float(weights.sum()),
+        search.confirmed(final),
         float(strange),
         float(astray),
         refuted,

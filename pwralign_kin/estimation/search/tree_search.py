@@ -30,6 +30,10 @@ CONTRADICTED, WORSE = -0.2, 0.85
 others as a share of that of the median part."""
 BAND = 0.06
 """Distances beyond this (model diagonals) are all the same to the kernels."""
+ALIKE = 0.7
+"""Cosine between the normals of a scan point and of the model there, from which they agree."""
+SPARSE = 1.2
+"""Distance of surface from points that confirm it, in spacings of the points, where that is more than a point's reach."""
 MOST_REACH = 0.9 * BAND
 """A point lies on the model nowhere beyond this, however noisy: of all others none would be told to be near it."""
 
@@ -451,6 +455,14 @@ class TreeSearch:
         distance, part, sample = self.native.assign(self.observation.points, placements, mask, self.options.near)
         cosine = self.native.facing(self.observation.normals, placements, part, sample)
         return np.asarray(distance), np.asarray(part), np.asarray(cosine)
+
+    def confirmed(self, candidate: Candidates) -> float:
+        """Return the share of one candidate's surface in sight that scan points confirm: they lie on it, and are
+        oriented like it. In sight of a sensor is what faces it and nothing hides; without one, all."""
+        placements = np.ascontiguousarray(self.part_placements(candidate)[0])
+        distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
+        shown, confirmed = self.native.in_sight(placements, distance, ALIKE)
+        return float(self.areas @ confirmed) / max(float(self.areas @ shown), 1e-9)
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""

@@ -24,6 +24,7 @@ GOOD = Evidence(
     told=8.0,
     noise=0.002,
     borne_out=0.6,
+    in_sight=0.85,
     strange=0.0,
     astray=0.0,
     refuted=0.0,
@@ -101,8 +102,8 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"told": 0.0},
         {"noise": 0.03},
         {"borne_out": 0.1},
-        {"borne_out": 0.3, "strange": 0.3},
-        {"borne_out": 0.3, "astray": 0.3},
+        {"in_sight": 0.5, "borne_out": 0.35, "strange": 0.3},
+        {"in_sight": 0.5, "borne_out": 0.35, "astray": 0.3},
         {"refuted": 0.5},
         {"continued": 0.5},
     ],
@@ -111,6 +112,13 @@ def test_surface_that_noise_does_not_explain_is_astray(
 def test_every_doubt_lowers_the_confidence(worse: dict[str, float]) -> None:
     assert confidence(GOOD) > 0.9
     assert confidence(dataclasses.replace(GOOD, **worse)) < confidence(GOOD) - 0.01
+
+
+def test_holes_of_a_scan_count_only_beside_what_is_not_of_the_model() -> None:
+    torn = dataclasses.replace(GOOD, in_sight=0.4, borne_out=0.28)
+    odd = {"strange": 0.1, "astray": 0.1}
+    assert confidence(torn) > confidence(GOOD) - 0.01
+    assert confidence(dataclasses.replace(torn, **odd)) < confidence(dataclasses.replace(GOOD, **odd)) - 0.1
 
 
 @pytest.mark.parametrize("worse", [{"nearby": 0.05}, {"margin": -0.01}, {"borne_out": 0.15}], ids=str)
@@ -144,6 +152,18 @@ def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
     assert found.lacking == 1.0
     assert found.borne_out == 0.0
     assert confidence(found) < 0.05
+
+
+def test_what_a_view_does_not_show_is_not_missed(arm: pk.ArticulatedModel) -> None:
+    full, single = (pk.simulate(arm, sensor=TIERS[tier], seed=4) for tier in ("full", "single"))
+    found = pk.estimate(arm, single.scan).evidence
+    assert found.in_sight > 0.8
+    # As if it were of all sides.
+    blind = pk.estimate(arm, pk.Scan(single.scan.points), initial=single.state).evidence
+    assert blind.in_sight < 0.75
+    assert pk.estimate(arm, full.scan).evidence.in_sight > 0.8
+    half = full.scan.points[full.scan.points[:, 0] < np.median(full.scan.points[:, 0])]
+    assert pk.estimate(arm, pk.Scan(half), initial=full.state).evidence.in_sight == pytest.approx(0.5, abs=0.15)
 
 
 def test_few_points_a_part_are_little_to_go_by() -> None:
