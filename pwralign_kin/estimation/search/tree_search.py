@@ -33,7 +33,7 @@ BAND = 0.06
 ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 SPARSE = 1.2
-"""Distance of surface from points that confirm it, in spacings of the points, where that is more than a point's reach."""
+"""Spacings of points within which one confirms surface, where that is farther than a point's reach."""
 MOST_REACH = 0.9 * BAND
 """A point lies on the model nowhere beyond this, however noisy: of all others none would be told to be near it."""
 
