@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.refinement.joint_least_squares import Problem, normal_matrix
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import Float, Ints, TreeSearch
 from pwralign_kin.se3 import Array
 
 PROBE_TURN = float(np.radians(5.0))
@@ -34,11 +34,13 @@ POINTS_AS_ONE = 3.0
 MORE_THAN_FISHER = 2.0
 """Variance of errors against that which the Fisher information of noisy points promises: sensors do not see all surface
 as evenly as is assumed."""
-CORRELATED_SHARE, LEAST_CORRELATED = 1.2, 2e-4
-"""Standard deviation of the error that all points of a part share, in terms of the systematic residual, and at least
-this (model diagonals). It is more than the residual, for base and joints follow a long wave where they can: of errors
-that are alike within a tenth of a diagonal they take up two fifths of the variance. These three: by joint errors of
-simulated and real scans, of which 90 to 99% are within two std, in every tier."""
+LEAST_CORRELATED = 2e-4
+"""Least standard deviation of the error that all points of a part share (model diagonals). These two, and the next: by
+joint errors of simulated and real scans, of which 90 to 99% are within two std, in every tier."""
+PATCH, POINTS_OF_PATCH, MOST_ABSORBED = 0.2, 5, 0.7
+"""Systematic errors are thought to be alike within a cell of this side (model diagonals) on one part, if it holds so
+many points. Base and joints follow them where they can, and take up as large a share of their variance as they are many
+against such patches; at most this."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +50,38 @@ class Errors:
     noise: float
     """Standard deviation of the errors that are each point's own."""
     systematic: float
-    """That of the errors that do not average out over points: sensor bias and model error."""
+    """That of the errors that do not average out over points, as far as the answer leaves them: sensor bias and model
+    error."""
+    absorbed: float = 0.0
+    """Share of their variance that the answer has taken up."""
 
     @property
     def correlated(self) -> float:
         """Standard deviation of the error that a whole part may have in common."""
-        return float(np.hypot(CORRELATED_SHARE * self.systematic, LEAST_CORRELATED))
+        return float(np.hypot(self.systematic / np.sqrt(1.0 - self.absorbed), LEAST_CORRELATED))
 
 
 def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> Errors:
     """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
     # Neighbouring points hide some of the noise where it folds thin parts.
     noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
-    return Errors(noise, float(np.sqrt(max(search.residual(final) ** 2 - noise**2 - SAMPLING**2, 0.0))))
+    given = search.observation.given
+    distance, part = search.assigned(given, search.part_placements(final)[0], search.exists, search.reach)
+    systematic = float(np.sqrt(max(search.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
+    seen = problem.counts >= LEAST_POINTS
+    unknowns = 6 + int((np.abs(problem.J[seen, :, 6:]) > 0.0).any(axis=(0, 1)).sum())
+    absorbed = unknowns / max(_patches(given[part >= 0], part[part >= 0]), 1)
+    return Errors(noise, systematic, min(absorbed, MOST_ABSORBED))
+
+
+def _patches(points: Float, parts: Ints) -> int:
+    """Return into how many patches points (n, 3) on parts (n,) fall."""
+    cells = np.floor(points / PATCH).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    x, y, z = cells.T
+    sides = cells.max(axis=0, initial=0) + 1
+    _, counts = np.unique(((parts * sides[0] + x) * sides[1] + y) * sides[2] + z, return_counts=True)
+    return int((counts >= POINTS_OF_PATCH).sum())
 
 
 def undetermined_joints(

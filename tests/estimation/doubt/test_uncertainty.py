@@ -44,6 +44,20 @@ def test_the_samples_of_the_surface_are_no_bias_of_the_sensor(
     assert observed_errors(search, right, problem).systematic < 0.0005
 
 
+def test_many_unknowns_take_up_much_of_a_bias(
+    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
+) -> None:
+    base = search.observation.to_search(arm.root_placement(full_scan.state))
+    right = Candidates.single(base, arm.values(full_scan.state.joints) / units)
+    whole = observed_errors(search, right, problem)
+    assert 9 / 60 < whole.absorbed < 9 / 20  # six of the base, three joints
+    base_alone = dataclasses.replace(problem, counts=np.array([500, 0, 0, 0], np.int32))
+    assert observed_errors(search, right, base_alone).absorbed == pytest.approx(whole.absorbed * 6 / 9)
+    # What is left is the less, the more of it was taken up.
+    left = [Errors(0.001, 0.01 * np.sqrt(1.0 - absorbed), absorbed).correlated for absorbed in (0.0, 0.2, 0.6)]
+    assert left == pytest.approx([left[0]] * 3)
+
+
 def test_bias_makes_base_and_joints_uncertain_alike(problem: Problem) -> None:
     exact, biased = (deviations(problem, Errors(0.001, systematic)) for systematic in (0.0, 0.01))
     growth = biased / exact
