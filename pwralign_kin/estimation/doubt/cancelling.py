@@ -60,7 +60,7 @@ def cancelling(J: Array, exists: NDArray[np.bool_], slides: NDArray[np.bool_]) -
     """
     twists = np.moveaxis(J[:, :, 6:], 2, 0)
     moved = ((np.abs(twists) > SAME).any(axis=2) & slides[:, None]).astype(float)
-    flat = (twists * moved[:, :, None]).reshape(len(moved), -1)
+    flat = (twists * moved[:, :, None]).reshape(len(moved), 6 * len(exists))
     squared, products = np.square(twists).sum(axis=2), flat @ flat.T
     own = np.maximum(np.diag(products), SAME**2)
     # What the inner joint (rows) moves is all that the outer one (columns) moves, alike but for a factor, and more.
