@@ -99,12 +99,12 @@ def parted(solver: JointLeastSquares, solution: Solution, errors: Errors) -> Par
     held[[joint for pair in pairs for joint in (pair.inner, pair.outer)]] = True
     stds = np.zeros(len(pairs))
     for _ in range(ROUNDS):
-        before = values = solution.values
+        values = solution.values
         for place, pair in enumerate(pairs):
             values, stds[place] = _best(solver, solution.base, values, pair, errors)
+        if np.abs(values - solution.values).max() <= stds.min():
+            break  # no better than what is there
         solution = solved(solver.with_locked(held, values), solution.base, values, solution.problem.blur)
-        if np.array_equal(values, before):
-            break
     for pair, std in zip(pairs, stds, strict=True):
         untold[[pair.inner, pair.outer]] |= std > PROBE_SLIDE
         direction = pair.direction(count)
