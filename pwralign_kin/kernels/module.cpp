@@ -522,6 +522,21 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("owners", [](const Search &self, Placements placements, Bytes mask, float cap) {
+            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
+            std::vector<Rigid> T;
+            std::vector<uint8_t> used;
+            for (int p = 0; p < self.model.parts; ++p) {
+                T.push_back(read_placement(placements.data() + 16 * p));
+                used.push_back(mask.data()[p] && self.model.surface[p].exists);
+            }
+            Assignment a;
+            {
+                nb::gil_scoped_release release;
+                a = self.owners(T.data(), used.data(), cap);
+            }
+            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+        }, "placements"_a, "mask"_a, "cap"_a)
         .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
             const size_t count = normals.shape(0);
             require(int(placements.shape(0)) == self.model.parts && part.shape(0) == count && sample.shape(0) == count,

@@ -7,7 +7,7 @@ namespace pwr {
 
 void Search::refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                     float sigma_last, float support_weight, const std::vector<float> &part_weights) const {
-    const PointSample sampled = sample_of_points(points);
+    const PointSample &sampled = sample_of_points(points);
     parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
         refine_one(configurations[c], sampled, iterations, sigma_first, sigma_last, support_weight,
                    &part_weights[c * model.parts]);

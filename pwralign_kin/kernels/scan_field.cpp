@@ -33,6 +33,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
         low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
         high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
     };
+    points.reserve(positions.size()), rows.reserve(positions.size());
     for (size_t i = 0; i < positions.size(); ++i) {
         points.push_back({positions[i], normals[i]});
         rows.push(positions[i], normals[i]);
@@ -155,7 +156,10 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
                 for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
                 const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
                 const IntLanes state = answered ? (behind ? IntLanes{} + occluded : IntLanes{} + free) : IntLanes{} + silent;
-                for (int l = 0; l < std::min(lane_count, nz - k); ++l) row[k + l] |= state[l];
+                // One by one at the end of the row: what follows may be another thread's.
+                if (k + lane_count <= nz) store_lanes(load_lanes(&row[k]) | state, &row[k]);
+                else
+                    for (int l = 0; l < nz - k; ++l) row[k + l] |= state[l];
             }
         }
     });
