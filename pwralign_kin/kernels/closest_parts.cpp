@@ -37,7 +37,7 @@ BalledPoints::BalledPoints(const Vec *given, int64_t stride, std::vector<int> or
 namespace {
 
 // Squared distances of local positions from the part's box.
-FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
+__attribute__((always_inline)) inline FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
     const VecLanes out{max_lanes(abs_lanes(local.x - s.middle.x) - s.half.x, FloatLanes{}),
                        max_lanes(abs_lanes(local.y - s.middle.y) - s.half.y, FloatLanes{}),
                        max_lanes(abs_lanes(local.z - s.middle.z) - s.half.z, FloatLanes{})};

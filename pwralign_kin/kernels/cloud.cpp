@@ -169,7 +169,7 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
 // About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, from a
 // few of the points.
 static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
-    constexpr int64_t most_points = 2000, most_queries = 16;
+    constexpr int64_t most_points = 1000, most_queries = 16;
     const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
     std::vector<float> reaches, squared;
     for (int64_t q = 0; q < asked; q += step) {

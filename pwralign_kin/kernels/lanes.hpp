@@ -164,7 +164,7 @@ class OrientedRows {
     }
     void prefetch(int index) const { __builtin_prefetch(&rows[size_t(index) * lane_count]); }
     // Those of some indices.
-    void gather(const int *index, VecLanes &point, VecLanes &normal) const {
+    __attribute__((always_inline)) void gather(const int *index, VecLanes &point, VecLanes &normal) const {
         auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };
         // The rows become columns: of pairs of rows, of fours, of all.
         auto four = [&](int j) {

@@ -135,6 +135,16 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
     }, "points"_a, "cell"_a);
+    m.def("along_curve", [](Points points) {
+        require(points.shape(0) > 0, "a curve leads through at least one point");
+        Vec low = vectors(points)[0], high = low;
+        for (size_t i = 0; i < points.shape(0); ++i) {
+            const Vec p = vectors(points)[i];
+            low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
+            high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
+        }
+        return to_numpy(along_curve(vectors(points), 1, int64_t(points.shape(0)), low, std::max({high.x - low.x, high.y - low.y, high.z - low.z})));
+    }, "points"_a);
     m.def("local_planes", [](Points points, float radius, int threads) {
         require_cells(points, radius);
         LocalPlanes planes;
@@ -226,7 +236,7 @@ void bind_model(nb::module_ &m) {
             for (int i = 0; i < 3; ++i) s.dims[i] = int(grid.shape(i));
             s.grid_origin = {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)};
             s.centre = {std::get<0>(centre), std::get<1>(centre), std::get<2>(centre)};
-            s.cell = cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
+            s.inverse = 1 / cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
             self.finish(s);
             self.surface[part] = std::move(s);
         }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)

@@ -73,15 +73,14 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
     const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
-    for (int i = 0; i < count; i += lane_count) {
-        const SampleLanes at(field, s, T, i, count);
+    for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
         IntLanes holder{};
         for (int j = 0; j < lane_count; ++j) holder[j] = owner[at.nearest[j]];
         const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
         const FloatLanes contested = all_lanes(-options.free_penalty * options.contested_penalty);
         const FloatLanes near = (holder == part) | (holder < 0) ? match : contested;
         sum += at.w * (at.squared < limit ? near : all_lanes(-options.free_penalty));
-    }
+    });
     return sum_of_lanes(sum) / s.cumulated[count];
 }
 
@@ -92,8 +91,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
     const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
-    for (int i = 0; i < count; i += lane_count) {
-        const SampleLanes at(field, s, T, i, count);
+    for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
         const VecLanes view = field.sensor - at.place;
         const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
         // The cosine between normal and view is above .15.
@@ -101,7 +99,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
         const IntLanes tells = shown & ((dot(at.away, view) > 0) | (at.facing > .5f));
         const FloatLanes mismatch = tells ? options.mismatch_penalty * (1 - match) : FloatLanes{};
         sum += at.w * (at.squared < limit ? mismatch : at.free);
-    }
+    });
     return -sum_of_lanes(sum) / s.cumulated[count];
 }
 
