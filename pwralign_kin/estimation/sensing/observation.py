@@ -300,6 +300,8 @@ def as_given(
         column[cell[left]] = left  # of several points of a cell the last stays
         left = left[column[cell[left]] != left]
     given = raw[chosen[chosen >= 0]]
+    if len(given):
+        given = given[kernels.along_curve(given)]  # neighbours next to each other are looked up together
     nearest, near = _nearest_prepared(given, field, points, options)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
