@@ -28,6 +28,14 @@ std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::
     return means;
 }
 
+std::vector<int> first_of_cells(const int *cell_of_point, const std::vector<int> &order, int cells, int each) {
+    std::vector<int> chosen(int64_t(cells) * each, -1), found(cells, 0);
+    for (const int point : order)
+        if (int &own = found[cell_of_point[point]]; own < each) chosen[int64_t(cell_of_point[point]) * each + own++] = point;
+    chosen.erase(std::remove(chosen.begin(), chosen.end(), -1), chosen.end());
+    return chosen;
+}
+
 // The eigenvalues in ascending order, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith,
 // Communications of the ACM 4, 1961).
 static std::array<double, 3> eigenvalues(const double *m) {

@@ -135,6 +135,17 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
     }, "points"_a, "cell"_a);
+    m.def("first_of_cells", [](Ints cell_of_point, Ints order, int each) {
+        const size_t count = cell_of_point.shape(0);
+        require(order.shape(0) == count && each > 0, "an order of all points, and at least one of each cell, are needed");
+        int cells = 0;
+        for (size_t i = 0; i < count; ++i) {
+            const int cell = cell_of_point.data()[i], point = order.data()[i];
+            require(cell >= 0 && point >= 0 && size_t(point) < count, "cells count from 0, and points are among those given");
+            cells = std::max(cells, cell + 1);
+        }
+        return to_numpy(first_of_cells(cell_of_point.data(), {order.data(), order.data() + count}, cells, each));
+    }, "cell_of_point"_a, "order"_a, "each"_a);
     m.def("along_curve", [](Points points) {
         require(points.shape(0) > 0, "a curve leads through at least one point");
         Vec low = vectors(points)[0], high = low;

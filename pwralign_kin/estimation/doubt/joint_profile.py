@@ -119,4 +119,3 @@ def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array,
         above = min((solver.upper[joint] - values[joint]) / step, most)
         steps = np.arange(-int(below), int(above) + 1)
     return values[joint] + step * steps, steps
-
