@@ -68,9 +68,9 @@ float Search::gain(int point, int part, int sample, float from_part, const std::
 
 // Support of a part by a scan from all sides: only points that no other part owns speak for it, or twins would
 // collapse onto each other.
-float Search::exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance, int samples) const {
+float Search::exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(samples);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
@@ -86,9 +86,9 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
 
 // Evidence of a single view against a part, <= 0: surface in seen free space, or facing the sensor in front of the
 // scan without matching it. A reward would favour poses that merely show more surface.
-float Search::violation(int part, const RigidF &T, float distance, int samples) const {
+float Search::violation(int part, const RigidF &T, float distance) const {
     const Surface &s = model.surface[part];
-    const int count = s.count(samples);
+    const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
     for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
@@ -103,12 +103,12 @@ float Search::violation(int part, const RigidF &T, float distance, int samples) 
     return -sum_of_lanes(sum) / s.cumulated[count];
 }
 
-// Support of the parts in `mask`, by so many samples of each.
+// Support of the parts in `mask`.
 void Search::update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
-                            const uint8_t *mask, int samples, float *support) const {
+                            const uint8_t *mask, float *support) const {
     const float distance = 1.2f * coverage_distance;
     for (int p = 0; p < model.parts; ++p)
-        if (mask[p]) support[p] = field.has_origin ? violation(p, T[p], distance, samples) : exclusive_support(p, T[p], owner, distance, samples);
+        if (mask[p]) support[p] = field.has_origin ? violation(p, T[p], distance) : exclusive_support(p, T[p], owner, distance);
 }
 
 float Search::total_score(float covered, const float *support) const {
@@ -140,7 +140,7 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
         for (size_t d = 0; d < scores.size(); ++d) {
             float *support = &scores[d].support[c * n];
             scores[d].coverage[c] = coverage(sampled, nearest, F, coverage_distances[d]);
-            update_support(owner, F, coverage_distances[d], mask.data(), support_samples, support);
+            update_support(owner, F, coverage_distances[d], mask.data(), support);
             scores[d].total[c] = total_score(scores[d].coverage[c], support) - against;
         }
     });
@@ -167,7 +167,7 @@ float Search::gain_at(const BalledPoints &points, int at, const Nearest &nearest
     return gain(shuffled[points.order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], F, options.coverage_distance);
 }
 
-Search::Look Search::look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts, int support_samples) const {
+Search::Look Search::look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const {
     const int count = int(sample.points.size());
     Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(model.parts, 0.f), std::vector<float>(count)};
     std::vector<Rigid> T(model.parts);
@@ -180,21 +180,20 @@ Search::Look Search::look_at(const Configuration &c, const PointSample &sample, 
         look.owner[point] = look.nearest.part[at];
         look.gains[at] = gain_at(sample.balled, at, look.nearest, F);
     }
-    update_support(look.owner, F, options.coverage_distance, parts.data(), support_samples, look.support.data());
+    update_support(look.owner, F, options.coverage_distance, parts.data(), look.support.data());
     return look;
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                          int keep) const {
-    constexpr int few_points = 350, most_points = 1500, few_samples = 32;
+    constexpr int few_points = 350, most_points = 1500;
     const int n = model.parts;
     std::vector<uint8_t> all_parts(n);
     for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
     const PointSample *samples[] = {&sample_of_points(few_points), &sample_of_points(most_points)};
-    const int samples_of_part[] = {std::min(few_samples, support_samples), support_samples};
     std::vector<Look> looks(2 * from.size());
     parallel_for(int64_t(looks.size()), options.threads, [&](int64_t i) {
-        looks[i] = look_at(from[i / 2], *samples[i % 2], all_parts, samples_of_part[i % 2]);
+        looks[i] = look_at(from[i / 2], *samples[i % 2], all_parts);
     });
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
@@ -244,7 +243,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             place(tried[v], above);
             tried[v].base = held * inverse(T[child]) * tried[v].base;
         }
-        // Few points and samples tell which values are worth a look with many.
+        // Few points tell which values are worth a look with many.
         std::vector<int> modes(tried.size());
         std::iota(modes.begin(), modes.end(), 0);
         for (const int many : {0, 1}) {
@@ -283,7 +282,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                         gained += gain_at(points, at, now, F) - gains[at];
                         owner_at(at) = now.part[at], changed.push_back(at);
                     }
-                update_support(owner, F, options.coverage_distance, moves.data(), samples_of_part[many], support.data());
+                update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 for (const int at : changed) owner_at(at) = before.part[at];
                 tried[v].score = row[v] = total_score((still + gained) / samples[many]->weight, support.data()) - cost(tried[v], F);
             }

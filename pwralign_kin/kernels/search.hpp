@@ -244,15 +244,15 @@ class Search {
     double displacement(int part, const Rigid &A, const Rigid &B, bool turning) const;
     std::vector<Partial> unlike(std::vector<Partial> states, int node, int count) const;
     float surface_beyond(int node, int previous, const float *part_weights) const;
-    float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance, int samples) const;
-    float violation(int part, const RigidF &T, float distance, int samples) const;
+    float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
+    float violation(int part, const RigidF &T, float distance) const;
     float coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T, float distance) const;
     float gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
-                        const uint8_t *mask, int samples, float *support) const;
+                        const uint8_t *mask, float *support) const;
     const PointSample &sample_of_points(int most) const;
     float gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const;
-    Look look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts, int support_samples) const;
+    Look look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const;
     float total_score(float covered, const float *support) const;
     std::vector<uint8_t> joined_parts() const;
     float overlap(const std::vector<RigidF> &T) const;
