@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
-
+Look = TypeVar("Look", bound=tuple[NDArray[Any], ...])
 
 FOCUS_PROBES = 60
 """Surface samples of each part that say what is near to a candidate."""
@@ -153,7 +153,7 @@ class TreeSearch:
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
         self.native = kernels.Search(model, observation.field, native, neutral)
-        self._looks: dict[tuple[str, bytes, bytes, bytes], tuple[Any, ...]] = {}
+        self._looks: dict[tuple[str, bytes, bytes, bytes], Any] = {}
         self.known = known or SearchPrior.nothing(neutral)
         self.known.tell(self.native)
         if searched is not None:
@@ -472,9 +472,7 @@ class TreeSearch:
 
         return self._remembered("given", candidate, self.exists, look)
 
-    def _remembered(
-        self, what: str, candidate: Candidates, parts: NDArray[np.bool_], look: Callable[[], tuple[Any, ...]]
-    ) -> Any:
+    def _remembered(self, what: str, candidate: Candidates, parts: NDArray[np.bool_], look: Callable[[], Look]) -> Look:
         """Return what a `look` at one candidate finds; it is not to be written to."""
         key = (what, candidate.bases.tobytes(), candidate.values.tobytes(), parts.tobytes())
         if key not in self._looks:
@@ -484,7 +482,8 @@ class TreeSearch:
             while len(self._looks) >= REMEMBERED:
                 del self._looks[next(iter(self._looks))]
             self._looks[key] = found
-        return self._looks[key]
+        kept: Look = self._looks[key]
+        return kept
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
