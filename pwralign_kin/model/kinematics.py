@@ -90,6 +90,7 @@ class Kinematics:
         data = self._data()
         # Each column is the twist of one joint; a part has those of the joints between it and the root.
         columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
+        columns = columns.reshape(6, self.model.nv)  # Pinocchio gives a vector where there is one joint
         columns = np.concatenate([columns[3:], columns[:3]])[:, self._columns] * self._multipliers
         twists = columns * self._supports[:, None]
         if len(self._starts) < len(self._columns):  # mimic joints
