@@ -35,7 +35,8 @@ struct Surface {
     OrientedRows dense_rows;                   // ... and once more, for several at a time
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
-    float cell = 1, slack = 0;                 // slack: tangential distance to the closest sample that means nothing
+    float inverse = 1;                         // of the size of a cell
+    float slack = 0;                           // tangential distance to the closest sample that means nothing
     Vec middle{0, 0, 0}, half{0, 0, 0};        // of the box around all discs of radius `slack`
     SplitPoints lane_points, lane_normals;     // the coarse samples once more, ...
     std::vector<float> lane_weights;           // ... for several at a time
@@ -46,8 +47,8 @@ struct Surface {
 
     // Cells of the grid that hold some local positions; -1 outside of it.
     IntLanes cells_at(const VecLanes &local) const {
-        const FloatLanes x = (local.x - grid_origin.x) / cell, y = (local.y - grid_origin.y) / cell,
-                         z = (local.z - grid_origin.z) / cell;
+        const FloatLanes x = (local.x - grid_origin.x) * inverse, y = (local.y - grid_origin.y) * inverse,
+                         z = (local.z - grid_origin.z) * inverse;
         const IntLanes inside =
             (x >= 0) & (y >= 0) & (z >= 0) & (x < float(dims[0])) & (y < float(dims[1])) & (z < float(dims[2]));
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };

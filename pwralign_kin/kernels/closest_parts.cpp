@@ -12,30 +12,32 @@ static std::vector<int> as_given(int64_t count) {
 BalledPoints::BalledPoints(const Vec *given, int64_t stride, int64_t count) : BalledPoints(given, stride, as_given(count)) {}
 
 BalledPoints::BalledPoints(const Vec *given, int64_t stride, std::vector<int> order_of_points) : order(std::move(order_of_points)) {
-    const int64_t count = int64_t(order.size());
-    for (int64_t first = 0; first < count; first += lane_count) {
-        const int64_t last = std::min(count, first + lane_count);
-        Vec centre{0, 0, 0};
+    const int64_t count = int64_t(order.size()), balls = (count + lane_count - 1) / lane_count;
+    points.make_room(count), centres.make_room(balls), radii.assign(balls + lane_count, 0.f);
+    points.size = count, centres.size = balls;
+    for (int64_t ball = 0; ball < balls; ++ball) {
+        const int64_t first = ball * lane_count, last = std::min(count, first + lane_count);
+        const float share = 1.f / (last - first);
+        Vec own[lane_count], centre{0, 0, 0};
         for (int64_t i = first; i < last; ++i) {
-            const Vec p = given[order[i] * stride];
-            points.push(p);
-            centre = centre + (1.f / (last - first)) * p;
+            own[i - first] = given[order[i] * stride];
+            points.set(i, own[i - first]);
+            centre = centre + share * own[i - first];
         }
         float squared = 0;
         for (int64_t i = first; i < last; ++i) {
-            const Vec d = given[order[i] * stride] - centre;
+            const Vec d = own[i - first] - centre;
             squared = std::max(squared, dot(d, d));
         }
-        centres.push(centre);
-        radii.push_back(std::sqrt(squared));
+        centres.set(ball, centre);
+        radii[ball] = std::sqrt(squared);
     }
-    radii.resize(radii.size() + lane_count, 0.f);
 }
 
 namespace {
 
 // Squared distances of local positions from the part's box.
-FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
+__attribute__((always_inline)) inline FloatLanes squared_from_box(const Surface &s, const VecLanes &local) {
     const VecLanes out{max_lanes(abs_lanes(local.x - s.middle.x) - s.half.x, FloatLanes{}),
                        max_lanes(abs_lanes(local.y - s.middle.y) - s.half.y, FloatLanes{}),
                        max_lanes(abs_lanes(local.z - s.middle.z) - s.half.z, FloatLanes{})};

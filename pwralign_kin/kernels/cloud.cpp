@@ -28,6 +28,14 @@ std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::
     return means;
 }
 
+std::vector<int> first_of_cells(const int *cell_of_point, const std::vector<int> &order, int cells, int each) {
+    std::vector<int> chosen(int64_t(cells) * each, -1), found(cells, 0);
+    for (const int point : order)
+        if (int &own = found[cell_of_point[point]]; own < each) chosen[int64_t(cell_of_point[point]) * each + own++] = point;
+    chosen.erase(std::remove(chosen.begin(), chosen.end(), -1), chosen.end());
+    return chosen;
+}
+
 // The eigenvalues in ascending order, at least 0, of the symmetric matrix xx xy xz yy yz zz (O. K. Smith,
 // Communications of the ACM 4, 1961).
 static std::array<double, 3> eigenvalues(const double *m) {
@@ -169,7 +177,7 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
 // About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, from a
 // few of the points.
 static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
-    constexpr int64_t most_points = 2000, most_queries = 16;
+    constexpr int64_t most_points = 1000, most_queries = 16;
     const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
     std::vector<float> reaches, squared;
     for (int64_t q = 0; q < asked; q += step) {

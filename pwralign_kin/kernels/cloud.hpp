@@ -8,6 +8,9 @@ namespace pwr {
 std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::vector<int> &counts,
                              std::vector<int> &cell_of_point);
 
+// Of each cell the first `each` points in the given order, cell by cell; `cell_of_point` counts cells from 0.
+std::vector<int> first_of_cells(const int *cell_of_point, const std::vector<int> &order, int cells, int each);
+
 // The local plane at each point from its neighbours within `radius`: unit normal, mean, variances in ascending order,
 // count.
 struct LocalPlanes {

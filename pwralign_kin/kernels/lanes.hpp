@@ -48,8 +48,12 @@ template <typename F> void for_lanes(IntLanes condition, F &&f) {
     for (; bits; bits &= bits - 1) f(__builtin_ctz(bits));
 }
 inline FloatLanes sqrt_lanes(FloatLanes a) {
+#ifdef __AVX__
+    return __builtin_ia32_sqrtps256(a);
+#else
     for (int j = 0; j < lane_count; ++j) a[j] = std::sqrt(a[j]);
     return a;
+#endif
 }
 inline float sum_of_lanes(FloatLanes a) {
     float sum = 0;
@@ -153,13 +157,14 @@ struct SplitPoints {
 // Points with normals, one after the other and padded, so that any few of them are read by whole loads.
 class OrientedRows {
   public:
+    void reserve(size_t count) { rows.reserve(count * lane_count); }
     void push(Vec point, Vec normal) {
         const float row[lane_count] = {point.x, point.y, point.z, normal.x, normal.y, normal.z};
         rows.insert(rows.end(), row, row + lane_count);
     }
     void prefetch(int index) const { __builtin_prefetch(&rows[size_t(index) * lane_count]); }
     // Those of some indices.
-    void gather(const int *index, VecLanes &point, VecLanes &normal) const {
+    __attribute__((always_inline)) void gather(const int *index, VecLanes &point, VecLanes &normal) const {
         auto row = [&](int j) { return load_lanes(&rows[size_t(index[j]) * lane_count]); };
         // The rows become columns: of pairs of rows, of fours, of all.
         auto four = [&](int j) {

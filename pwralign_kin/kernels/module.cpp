@@ -135,6 +135,27 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
     }, "points"_a, "cell"_a);
+    m.def("first_of_cells", [](Ints cell_of_point, Ints order, int each) {
+        const size_t count = cell_of_point.shape(0);
+        require(order.shape(0) == count && each > 0, "an order of all points, and at least one of each cell, are needed");
+        int cells = 0;
+        for (size_t i = 0; i < count; ++i) {
+            const int cell = cell_of_point.data()[i], point = order.data()[i];
+            require(cell >= 0 && point >= 0 && size_t(point) < count, "cells count from 0, and points are among those given");
+            cells = std::max(cells, cell + 1);
+        }
+        return to_numpy(first_of_cells(cell_of_point.data(), {order.data(), order.data() + count}, cells, each));
+    }, "cell_of_point"_a, "order"_a, "each"_a);
+    m.def("along_curve", [](Points points) {
+        require(points.shape(0) > 0, "a curve leads through at least one point");
+        Vec low = vectors(points)[0], high = low;
+        for (size_t i = 0; i < points.shape(0); ++i) {
+            const Vec p = vectors(points)[i];
+            low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
+            high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
+        }
+        return to_numpy(along_curve(vectors(points), 1, int64_t(points.shape(0)), low, std::max({high.x - low.x, high.y - low.y, high.z - low.z})));
+    }, "points"_a);
     m.def("local_planes", [](Points points, float radius, int threads) {
         require_cells(points, radius);
         LocalPlanes planes;
@@ -226,7 +247,7 @@ void bind_model(nb::module_ &m) {
             for (int i = 0; i < 3; ++i) s.dims[i] = int(grid.shape(i));
             s.grid_origin = {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)};
             s.centre = {std::get<0>(centre), std::get<1>(centre), std::get<2>(centre)};
-            s.cell = cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
+            s.inverse = 1 / cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
             self.finish(s);
             self.surface[part] = std::move(s);
         }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)
@@ -522,6 +543,21 @@ void bind_search(nb::module_ &m) {
             }
             return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        .def("owners", [](const Search &self, Placements placements, Bytes mask, float cap) {
+            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
+            std::vector<Rigid> T;
+            std::vector<uint8_t> used;
+            for (int p = 0; p < self.model.parts; ++p) {
+                T.push_back(read_placement(placements.data() + 16 * p));
+                used.push_back(mask.data()[p] && self.model.surface[p].exists);
+            }
+            Assignment a;
+            {
+                nb::gil_scoped_release release;
+                a = self.owners(T.data(), used.data(), cap);
+            }
+            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+        }, "placements"_a, "mask"_a, "cap"_a)
         .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
             const size_t count = normals.shape(0);
             require(int(placements.shape(0)) == self.model.parts && part.shape(0) == count && sample.shape(0) == count,

@@ -13,12 +13,11 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
     const Surface &s = model.surface[part];
     const float limit = distance * distance, share = 1 / limit;
     FloatLanes sum{};
-    for (int i = first; i < last; i += lane_count) {
-        const SampleLanes at(field, s, T, i, last);
+    for_samples(field, s, T, first, last, [&](const SampleLanes &at) {
         const FloatLanes penalty = at.free * options.free_penalty + (1 - at.free) * options.occluded_penalty;
         if (!any_lane(at.found)) {
             sum += at.w * -penalty;
-            continue;
+            return;
         }
         FloatLanes trust = all_lanes(1);
         if (point_weights)
@@ -26,7 +25,7 @@ float Search::part_score(int part, const RigidF &T, int first, int last, float d
         const FloatLanes match = trust * (1 - at.squared * share) * (.25f + .75f * at.facing);
         const IntLanes seen = field.has_origin ? at.seen > 0 : at.seen == at.seen;
         sum += at.w * (at.squared < limit ? (seen ? match : FloatLanes{}) : -penalty);
-    }
+    });
     return sum_of_lanes(sum);
 }
 
@@ -222,16 +221,15 @@ void Search::refine_part(Hypothesis &h, int iterations, const float *point_weigh
         const RigidF T = to_float(h.T);
         const Vec centre{T.t[0], T.t[1], T.t[2]};
         NormalLanes pulls;
-        for (int i = 0; i < count; i += lane_count) {
-            const SampleLanes at(field, s, T, i, count);
+        for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
             const FloatLanes rest = 1 - at.squared / limit, share = at.w / s.cumulated[count];
             const IntLanes pulled = at.found & (at.facing >= .3f) & (rest > 0);
-            if (!any_lane(pulled)) continue;
+            if (!any_lane(pulled)) return;
             const FloatLanes w = pulled ? share * rest * rest * at.facing : FloatLanes{};
             const VecLanes arm = at.place - centre, pull = Vec{0, 0, 0} - at.away;
             pulls.add_planes(arm, at.normal, dot(pull, at.normal), w);
             pulls.add_points(arm, pull, .1f * w);
-        }
+        });
         Normal normal;
         pulls.add_to(normal);
         normal.mirror();

@@ -7,7 +7,7 @@ namespace pwr {
 
 void Search::refine(std::vector<Configuration> &configurations, int points, int iterations, float sigma_first,
                     float sigma_last, float support_weight, const std::vector<float> &part_weights) const {
-    const PointSample sampled = sample_of_points(points);
+    const PointSample &sampled = sample_of_points(points);
     parallel_for(int64_t(configurations.size()), options.threads, [&](int64_t c) {
         refine_one(configurations[c], sampled, iterations, sigma_first, sigma_last, support_weight,
                    &part_weights[c * model.parts]);
@@ -94,17 +94,16 @@ void Search::pull_to_scan(const std::vector<Rigid> &T, float sigma, float suppor
         const int count = s.count(48);
         const float share = support_weight * part_weights[p] / s.cumulated[count];
         NormalLanes pulls;
-        for (int i = 0; i < count; i += lane_count) {
-            const SampleLanes at(field, s, F, i, count);
+        for_samples(field, s, F, 0, count, [&](const SampleLanes &at) {
             IntLanes pulled = at.found & (at.w > 0) & (at.facing >= .2f);
             if (field.has_origin) pulled &= at.seen > 0;
-            if (!any_lane(pulled)) continue;
+            if (!any_lane(pulled)) return;
             const FloatLanes kernel = reach / (reach + at.squared);
             const FloatLanes w = pulled ? share * at.w * at.facing * kernel * kernel : FloatLanes{};
             const VecLanes arm = at.place - centre, pull = Vec{0, 0, 0} - at.away;
             pulls.add_planes(arm, at.normal, dot(pull, at.normal), w);
             pulls.add_points(arm, pull, .05f * w);
-        }
+        });
         pulls.add_to(normal[p]);
     }
 }

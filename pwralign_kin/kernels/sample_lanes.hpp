@@ -5,6 +5,19 @@
 
 namespace pwr {
 
+// Samples placed in the scan, and the codes of the cells that they are in.
+struct PlacedLanes {
+    VecLanes place;
+    IntLanes code;
+
+    PlacedLanes() = default;
+    __attribute__((always_inline)) PlacedLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first)
+        : place(apply(T, surface.lane_points.at(first))), code{} {
+        const IntLanes cell = field.cells_at(place);
+        for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
+    }
+};
+
 struct SampleLanes {
     FloatLanes w;        // weights, 0 beyond the last sample
     VecLanes place;      // placed samples
@@ -18,13 +31,11 @@ struct SampleLanes {
     int nearest[lane_count]; // the scan points, 0 where none was found
 
     // Look at the samples [first, last) of a surface, at most `lane_count`. What a caller does not use of it costs nothing.
-    __attribute__((always_inline)) SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last) {
+    __attribute__((always_inline)) SampleLanes(const ScanField &field, const Surface &surface, const RigidF &T, const PlacedLanes &placed, int first, int last)
+        : place(placed.place) {
         w = first_lanes(last - first) ? load_lanes(&surface.lane_weights[first]) : FloatLanes{};
-        place = apply(T, surface.lane_points.at(first));
         const VecLanes own = rotate(T, surface.lane_normals.at(first));
-        const IntLanes cell = field.cells_at(place);
-        IntLanes code{};
-        for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
+        const IntLanes code = placed.code;
         found = code >= 0;
         const IntLanes state = code & 3;
         free = state == ScanField::free ? all_lanes(1) : state == ScanField::silent ? all_lanes(field.unreturned) : FloatLanes{};
@@ -41,5 +52,18 @@ struct SampleLanes {
         facing = max_lanes(dot(own, normal), FloatLanes{});
     }
 };
+
+// Call f(samples) for the samples [first, last) of a surface, `lane_count` at a time. The cells of many are read before the
+// first is looked at: they are all over the scan, and none waits for the memory of another.
+template <typename F>
+__attribute__((always_inline)) inline void for_samples(const ScanField &field, const Surface &surface, const RigidF &T, int first, int last, F &&f) {
+    constexpr int ahead = 6;
+    PlacedLanes placed[ahead];
+    for (int from = first; from < last; from += ahead * lane_count) {
+        const int to = std::min(last, from + ahead * lane_count);
+        for (int i = from, k = 0; i < to; i += lane_count, ++k) placed[k] = PlacedLanes(field, surface, T, i);
+        for (int i = from, k = 0; i < to; i += lane_count, ++k) f(SampleLanes(field, surface, T, placed[k], i, last));
+    }
+}
 
 } // namespace pwr

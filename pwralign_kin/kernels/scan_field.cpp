@@ -4,21 +4,26 @@
 
 namespace pwr {
 
-// Order of the points by interleaved bits of their coordinates (G. M. Morton, 1966), in cells of 1/1024 of `extent`.
-static std::vector<int> along_curve(const std::vector<OrientedPoint> &points, Vec low, float extent) {
-    constexpr int bits = 10;
-    const float scale = float((1 << bits) - 1) / std::max(extent, 1e-6f);
-    std::vector<uint64_t> keys;
-    for (size_t i = 0; i < points.size(); ++i) {
-        const Vec p = scale * (points[i].p - low);
-        uint64_t key = 0;
-        for (int b = bits - 1; b >= 0; --b)
-            key = 8 * key + 4 * (int(p.x) >> b & 1) + 2 * (int(p.y) >> b & 1) + (int(p.z) >> b & 1);
-        keys.push_back(key << 32 | i);
+// Two zeros between any two of ten bits.
+static uint32_t spread_bits(uint32_t v) {
+    v = (v | v << 16) & 0x030000FF;
+    v = (v | v << 8) & 0x0300F00F;
+    v = (v | v << 4) & 0x030C30C3;
+    return (v | v << 2) & 0x09249249;
+}
+
+// The curve orders points by interleaved bits of their coordinates (G. M. Morton, 1966), in cells of 1/1024 of `extent`.
+std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, Vec low, float extent) {
+    const float scale = 1023 / std::max(extent, 1e-6f);
+    std::vector<uint64_t> keys(count);
+    for (int64_t i = 0; i < count; ++i) {
+        const Vec p = scale * (points[i * stride] - low);
+        const uint64_t key = 4 * spread_bits(uint32_t(p.x)) + 2 * spread_bits(uint32_t(p.y)) + spread_bits(uint32_t(p.z));
+        keys[i] = key << 32 | uint64_t(i);
     }
     std::sort(keys.begin(), keys.end());
-    std::vector<int> order;
-    for (const uint64_t key : keys) order.push_back(int(key & 0xFFFFFFFF));
+    std::vector<int> order(count);
+    for (int64_t i = 0; i < count; ++i) order[i] = int(keys[i] & 0xFFFFFFFF);
     return order;
 }
 
@@ -33,6 +38,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
         low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
         high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
     };
+    points.reserve(positions.size()), rows.reserve(positions.size());
     for (size_t i = 0; i < positions.size(); ++i) {
         points.push_back({positions[i], normals[i]});
         rows.push(positions[i], normals[i]);
@@ -47,7 +53,7 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nx = int(std::ceil((high.x + margin - origin.x) * inverse)) + 1;
     ny = int(std::ceil((high.y + margin - origin.y) * inverse)) + 1;
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
-    curve = along_curve(points, low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
+    curve = along_curve(&points[0].p, 2, int64_t(points.size()), low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
     splat(truncation, threads);
     if (has_origin) mark_unseen(depth_points, pixel, tolerance, threads);
 }
@@ -155,7 +161,10 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
                 for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
                 const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
                 const IntLanes state = answered ? (behind ? IntLanes{} + occluded : IntLanes{} + free) : IntLanes{} + silent;
-                for (int l = 0; l < std::min(lane_count, nz - k); ++l) row[k + l] |= state[l];
+                // One by one at the end of the row: what follows may be another thread's.
+                if (k + lane_count <= nz) store_lanes(load_lanes(&row[k]) | state, &row[k]);
+                else
+                    for (int l = 0; l < nz - k; ++l) row[k + l] |= state[l];
             }
         }
     });

@@ -8,6 +8,10 @@ struct OrientedPoint {
     Vec p, n;
 };
 
+// The order of some points along a space-filling curve, which keeps neighbours next to each other; their box begins at `low`
+// and is nowhere wider than `extent`.
+std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, Vec low, float extent);
+
 class ScanField {
   public:
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,

@@ -34,6 +34,15 @@ Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint
     return a;
 }
 
+Assignment Search::owners(const Rigid *T, const uint8_t *mask, float cap) const {
+    Assignment in_sample = assign(sample_of_points(int(field.points.size())).balled, T, mask, cap), a = in_sample;
+    for (size_t i = 0; i < shuffled.size(); ++i) {
+        const int k = shuffled[i];
+        a.distance[k] = in_sample.distance[i], a.part[k] = in_sample.part[i], a.sample[k] = in_sample.sample[i];
+    }
+    return a;
+}
+
 void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
                        float *out) const {
     const size_t asked = points.order.size();
@@ -45,13 +54,13 @@ void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, 
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
-float Search::coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const {
-    float sum = 0, all = 0;
-    for (size_t i = 0; i < a.distance.size(); ++i) {
-        all += field.weight[shuffled[i]] * field.area[shuffled[i]];
-        sum += gain(shuffled[i], a.part[i], a.sample[i], a.distance[i], T, distance);
-    }
-    return sum / all;
+float Search::coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T, float distance) const {
+    // Looked up in the order of the neighbourhood, for the memory's sake, and added in that of the sample.
+    const std::vector<int> &order = sample.balled.order;
+    std::vector<float> gained(order.size());
+    for (size_t at = 0; at < order.size(); ++at)
+        gained[order[at]] = gain(shuffled[order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], T, distance);
+    return std::accumulate(gained.begin(), gained.end(), 0.f) / sample.weight;
 }
 
 // What a scan point adds to coverage, by the part and the sample nearest to it (-1: none) and their distance.
@@ -71,15 +80,14 @@ float Search::exclusive_support(int part, const RigidF &T, const std::vector<int
     const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
-    for (int i = 0; i < count; i += lane_count) {
-        const SampleLanes at(field, s, T, i, count);
+    for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
         IntLanes holder{};
         for (int j = 0; j < lane_count; ++j) holder[j] = owner[at.nearest[j]];
         const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
         const FloatLanes contested = all_lanes(-options.free_penalty * options.contested_penalty);
         const FloatLanes near = (holder == part) | (holder < 0) ? match : contested;
         sum += at.w * (at.squared < limit ? near : all_lanes(-options.free_penalty));
-    }
+    });
     return sum_of_lanes(sum) / s.cumulated[count];
 }
 
@@ -90,8 +98,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
     const int count = s.count(support_samples);
     const float limit = distance * distance;
     FloatLanes sum{};
-    for (int i = 0; i < count; i += lane_count) {
-        const SampleLanes at(field, s, T, i, count);
+    for_samples(field, s, T, 0, count, [&](const SampleLanes &at) {
         const VecLanes view = field.sensor - at.place;
         const FloatLanes match = (1 - at.squared / limit) * (.25f + .75f * at.facing);
         // The cosine between normal and view is above .15.
@@ -99,7 +106,7 @@ float Search::violation(int part, const RigidF &T, float distance) const {
         const IntLanes tells = shown & ((dot(at.away, view) > 0) | (at.facing > .5f));
         const FloatLanes mismatch = tells ? options.mismatch_penalty * (1 - match) : FloatLanes{};
         sum += at.w * (at.squared < limit ? mismatch : at.free);
-    }
+    });
     return -sum_of_lanes(sum) / s.cumulated[count];
 }
 
@@ -148,7 +155,7 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
                                   const std::vector<float> &coverage_distances) const {
     const int n = model.parts;
     const size_t m = configurations.size();
-    const PointSample sampled = sample_of_points(points);
+    const PointSample &sampled = sample_of_points(points);
     std::vector<Scores> scores(coverage_distances.size(), Scores{std::vector<float>(m), std::vector<float>(m), std::vector<float>(m * n, 0.f)});
     std::vector<uint8_t> mask(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
@@ -157,13 +164,14 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
         model.forward(configurations[c].base, configurations[c].values.data(), T.data());
         std::vector<RigidF> F;
         for (const Rigid &t : T) F.push_back(to_float(t));
-        const Assignment a = assign(sampled.balled, T.data(), mask.data(), options.band);
+        Nearest nearest(int64_t(sampled.points.size()), options.band);
+        offer(sampled.balled, T.data(), mask.data(), nearest);
         std::vector<int> owner(field.points.size(), -1);
-        for (size_t i = 0; i < a.part.size(); ++i) owner[shuffled[i]] = a.part[i];
+        for (size_t at = 0; at < nearest.part.size(); ++at) owner[shuffled[sampled.balled.order[at]]] = nearest.part[at];
         const float against = cost(configurations[c], F);
         for (size_t d = 0; d < scores.size(); ++d) {
             float *support = &scores[d].support[c * n];
-            scores[d].coverage[c] = coverage(a, F, coverage_distances[d]);
+            scores[d].coverage[c] = coverage(sampled, nearest, F, coverage_distances[d]);
             update_support(owner, F, coverage_distances[d], mask.data(), support);
             scores[d].total[c] = total_score(scores[d].coverage[c], support) - against;
         }
@@ -171,13 +179,20 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
     return scores;
 }
 
-PointSample Search::sample_of_points(int most) const {
-    std::vector<OrientedPoint> sampled(std::min<size_t>(most, field.points.size()));
-    for (size_t i = 0; i < sampled.size(); ++i) sampled[i] = field.points[shuffled[i]];
+const PointSample &Search::sample_of_points(int most) const {
+    const size_t size = std::min<size_t>(most, field.points.size());
+    const std::lock_guard<std::mutex> lock(sampling);
+    const auto known = drawn.find(size);
+    if (known != drawn.end()) return known->second;
+    std::vector<OrientedPoint> sampled(size);
+    for (size_t i = 0; i < size; ++i) sampled[i] = field.points[shuffled[i]];
     std::vector<int> order;
+    order.reserve(size);
     for (const int k : field.curve)
-        if (rank[k] < int(sampled.size())) order.push_back(rank[k]);
-    return {std::move(sampled), std::move(order)};
+        if (rank[k] < int(size)) order.push_back(rank[k]);
+    PointSample &sample = drawn.try_emplace(size, std::move(sampled), std::move(order)).first->second;
+    for (size_t i = 0; i < size; ++i) sample.weight += field.weight[shuffled[i]] * field.area[shuffled[i]];
+    return sample;
 }
 
 float Search::gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const {
@@ -186,7 +201,7 @@ float Search::gain_at(const BalledPoints &points, int at, const Nearest &nearest
 
 Search::Look Search::look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const {
     const int count = int(sample.points.size());
-    Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(model.parts, 0.f), std::vector<float>(count), 0};
+    Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(model.parts, 0.f), std::vector<float>(count)};
     std::vector<Rigid> T(model.parts);
     std::vector<RigidF> F;
     model.forward(c.base, c.values.data(), T.data());
@@ -196,7 +211,6 @@ Search::Look Search::look_at(const Configuration &c, const PointSample &sample, 
         const int point = shuffled[sample.balled.order[at]];
         look.owner[point] = look.nearest.part[at];
         look.gains[at] = gain_at(sample.balled, at, look.nearest, F);
-        look.weight += field.weight[point] * field.area[point];
     }
     update_support(look.owner, F, options.coverage_distance, parts.data(), look.support.data());
     return look;
@@ -208,10 +222,10 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
     const int n = model.parts;
     std::vector<uint8_t> all_parts(n);
     for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
-    const PointSample samples[] = {sample_of_points(few_points), sample_of_points(most_points)};
+    const PointSample *samples[] = {&sample_of_points(few_points), &sample_of_points(most_points)};
     std::vector<Look> looks(2 * from.size());
     parallel_for(int64_t(looks.size()), options.threads, [&](int64_t i) {
-        looks[i] = look_at(from[i / 2], samples[i % 2], all_parts);
+        looks[i] = look_at(from[i / 2], *samples[i % 2], all_parts);
     });
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
@@ -266,7 +280,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
         std::iota(modes.begin(), modes.end(), 0);
         for (const int many : {0, 1}) {
             const Look &look = looks[2 * task.configuration + many];
-            const BalledPoints &points = samples[many].balled;
+            const BalledPoints &points = samples[many]->balled;
             const int count = int(points.order.size());
             model.forward(c.base, c.values.data(), T.data());
             for (int p = 0; p < n; ++p) F[p] = to_float(T[p]);
@@ -284,7 +298,9 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             for (const int at : taken) gains[at] = gain_at(points, at, before, F);
             const float still = std::accumulate(gains.begin(), gains.end(), 0.f);
             // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
-            std::vector<int> owner = look.owner;
+            std::vector<int> owner = look.owner, changed;
+            auto owner_at = [&](int at) -> int & { return owner[shuffled[points.order[at]]]; };
+            for (const int at : taken) owner_at(at) = before.part[at];
             std::vector<float> row(tried.size(), -1e9f);
             Nearest now = before;
             for (const int v : modes) {
@@ -292,12 +308,15 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                 now = before;
                 offer(points, T.data(), moves.data(), now);
                 float gained = 0;
+                changed.clear();
                 for (int at = 0; at < count; ++at)
-                    if (now.part[at] != before.part[at]) gained += gain_at(points, at, now, F) - gains[at];
-                if (!field.has_origin)
-                    for (int at = 0; at < count; ++at) owner[shuffled[points.order[at]]] = now.part[at];
+                    if (now.part[at] != before.part[at]) {
+                        gained += gain_at(points, at, now, F) - gains[at];
+                        owner_at(at) = now.part[at], changed.push_back(at);
+                    }
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
-                tried[v].score = row[v] = total_score((still + gained) / look.weight, support.data()) - cost(tried[v], F);
+                for (const int at : changed) owner_at(at) = before.part[at];
+                tried[v].score = row[v] = total_score((still + gained) / samples[many]->weight, support.data()) - cost(tried[v], F);
             }
             modes = best_modes(row, many ? keep : 3 * keep, first, second);
         }

@@ -6,6 +6,8 @@
 #include "prior.hpp"
 #include "scan_field.hpp"
 #include "seen_surface.hpp"
+#include <map>
+#include <mutex>
 
 namespace pwr {
 
@@ -69,9 +71,11 @@ struct PointSample {
     std::vector<OrientedPoint> points;
     BalledPoints balled;
     OrientedRows rows; // in the order of their neighbourhood
+    float weight = 0;  // of all of them together
 
     PointSample(std::vector<OrientedPoint> given, std::vector<int> order)
         : points(std::move(given)), balled(&points[0].p, 2, std::move(order)) {
+        rows.reserve(points.size());
         for (const int i : balled.order) rows.push(points[i].p, points[i].n);
     }
 };
@@ -169,6 +173,8 @@ class Search {
     };
     Sight in_sight(const std::vector<Rigid> &T, float distance, float cosine) const;
     Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;
+    // The same of all scan points.
+    Assignment owners(const Rigid *T, const uint8_t *mask, float cap) const;
     // Distances of points (at most `cap`) from the nearest of the parts in `mask`, one row of `out` for each of `count` sets
     // of placements.
     void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
@@ -216,7 +222,6 @@ class Search {
         Nearest nearest;
         std::vector<int> owner; // of each scan point
         std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
-        float weight = 0;
     };
     // The weights of scan points, null where all are 1: that need not be looked up.
     static const float *weights_or_none(const std::vector<float> &weights);
@@ -239,6 +244,7 @@ class Search {
     std::vector<Partial> cross_silent(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
                                       const Growth &growth) const;
     bool is_wide(const std::vector<Edge> &path) const;
+    std::vector<uint64_t> explaining_parts(const Configuration &c, const BalledPoints &points) const;
     std::vector<Partial> brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
                                  const std::vector<Hypothesis> &placed) const;
     float damped(float score) const;
@@ -247,11 +253,11 @@ class Search {
     float surface_beyond(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
-    float coverage(const Assignment &a, const std::vector<RigidF> &T, float distance) const;
+    float coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T, float distance) const;
     float gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
-    PointSample sample_of_points(int most) const;
+    const PointSample &sample_of_points(int most) const;
     float gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const;
     Look look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const;
     float total_score(float covered, const float *support) const;
@@ -274,6 +280,9 @@ class Search {
     float most_trust = 0;        // largest weight of a scan point
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it
+    // Samples of it by their size, each made when it is first asked for.
+    mutable std::map<size_t, PointSample> drawn;
+    mutable std::mutex sampling;
 };
 
 } // namespace pwr

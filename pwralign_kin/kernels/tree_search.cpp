@@ -53,6 +53,7 @@ Search::Search(const Articulated &model, const ScanField &field, SearchOptions o
 void Search::look_first(const std::vector<uint8_t> &marked) {
     std::stable_partition(shuffled.begin(), shuffled.end(), [&](int k) { return marked[k]; });
     for (size_t i = 0; i < shuffled.size(); ++i) rank[shuffled[i]] = int(i);
+    drawn.clear();
 }
 
 // Weight of the surface of a part and all that is reached from it, but for one neighbour's side.
@@ -474,29 +475,57 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, in
     return flattened(grown);
 }
 
+// Bit by bit the parts of a configuration that explain each scan point, in words of 64 parts: points run fastest.
+std::vector<uint64_t> Search::explaining_parts(const Configuration &c, const BalledPoints &points) const {
+    constexpr float explaining_distance = .025f;
+    const int64_t count = int64_t(points.order.size());
+    std::vector<uint64_t> explaining((model.parts + 63) / 64 * count, 0);
+    std::vector<Rigid> T(model.parts);
+    model.forward(c.base, c.values.data(), T.data());
+    for (int p = 0; p < model.parts; ++p) {
+        if (!model.surface[p].exists) continue;
+        std::vector<uint8_t> alone(model.parts, 0);
+        alone[p] = 1;
+        Nearest near(count, explaining_distance);
+        offer(points, T.data(), alone.data(), near);
+        for (int64_t at = 0; at < count; ++at)
+            explaining[p / 64 * count + points.order[at]] |= uint64_t(near.part[at] == p) << p % 64;
+    }
+    return explaining;
+}
+
 std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from, const std::vector<RegrowTask> &tasks,
                                           int keep) const {
     const BalledPoints points(&field.points[0].p, 2, field.curve);
+    const int64_t count = int64_t(field.points.size());
+    // Looked up once for all tasks: of what explains a point only what stands still in a task counts there.
+    std::vector<uint8_t> cut(from.size(), 0);
+    for (const RegrowTask &task : tasks) cut[task.configuration] |= task.next >= 0;
+    std::vector<std::vector<uint64_t>> explaining(from.size());
+    parallel_for(int64_t(from.size()), options.threads, [&](int64_t c) {
+        if (cut[c]) explaining[c] = explaining_parts(from[c], points);
+    });
     std::vector<std::vector<Configuration>> grown(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t i) {
         const RegrowTask &task = tasks[i];
         const Configuration &c = from[task.configuration];
         Partial start{std::vector<Rigid>(model.parts), c.values, std::vector<uint8_t>(model.joints, 0), 0};
         model.forward(c.base, c.values.data(), start.T.data());
-        std::vector<uint8_t> fixed(model.parts, 0);
         std::vector<float> point_weights;
         if (task.next >= 0) {
+            std::vector<uint64_t> fixed((model.parts + 63) / 64, 0), explained(count, 0);
             const bool downward = task.next > task.start && model.parent[task.next] == task.start;
             const int cut = downward ? task.next : task.start;
             for (int p = 0; p < model.parts; ++p) {
                 const bool moves = model.below(p, cut) == downward;
-                fixed[p] = !moves && model.surface[p].exists && task.weights[p] > 0;
-                if (!moves && p > 0 && p != cut) start.known[model.actuated[p]] = 1;
+                if (moves) continue;
+                if (p > 0 && p != cut) start.known[model.actuated[p]] = 1;
+                if (task.weights[p] > 0) fixed[p / 64] |= uint64_t(1) << p % 64;
             }
-            const int64_t count = int64_t(field.points.size());
-            const Assignment a = assign(points, start.T.data(), fixed.data(), options.band);
+            for (size_t word = 0; word < fixed.size(); ++word)
+                for (int64_t k = 0; k < count; ++k) explained[k] |= fixed[word] & explaining[task.configuration][word * count + k];
             point_weights.resize(count);
-            for (int64_t p = 0; p < count; ++p) point_weights[p] = field.weight[p] * (a.distance[p] < .025f ? options.explained_weight : 1.f);
+            for (int64_t k = 0; k < count; ++k) point_weights[k] = field.weight[k] * (explained[k] ? options.explained_weight : 1.f);
         }
         const Growth growth{point_weights.empty() ? field_weights : point_weights.data(), task.weights.data(), nullptr};
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))

@@ -50,13 +50,18 @@ class Kinematics:
         self._idx_q = np.array([joint.idx_q for joint in pinocchio_joints], dtype=np.int64)
         self._idx_v = np.array([joint.idx_v for joint in pinocchio_joints], dtype=np.int64)
         self._circle = np.array([joint.nq == 2 for joint in pinocchio_joints], dtype=bool)
-        self._dv_du = np.zeros((self.model.nv, actuated))
-        self._dv_du[self._idx_v] = self.A
+        # The moving joints in the order of the actuated ones that move them, and where those of each begin.
+        moved_by = np.array([joint.actuated for joint in moving], dtype=np.int64)
+        order = np.argsort(moved_by, kind="stable")
+        self._columns = self._idx_v[order]
+        self._multipliers = np.array([joint.multiplier for joint in moving])[order]
+        self._starts = np.searchsorted(moved_by[order], np.arange(actuated))
         self._supports = np.zeros((len(self.ids), self.model.nv))
         for part, index in enumerate(self.ids):
             for joint in self.model.supports[int(index)]:
                 first = self.model.joints[joint].idx_v
                 self._supports[part, first : first + self.model.joints[joint].nv] = joint > 0
+        self._supports = self._supports[:, self._columns]
         self._workspace = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -85,9 +90,12 @@ class Kinematics:
         data = self._data()
         # Each column is the twist of one joint; a part has those of the joints between it and the root.
         columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
-        twists = np.concatenate([columns[3:], columns[:3]]) * self._supports[:, None]
-        rows = twists.reshape(6 * len(self.ids), self.model.nv) @ self._dv_du
-        return self._placed(data), rows.reshape(len(self.ids), 6, self._dv_du.shape[1])
+        columns = columns.reshape(6, self.model.nv)  # Pinocchio gives a vector where there is one joint
+        columns = np.concatenate([columns[3:], columns[:3]])[:, self._columns] * self._multipliers
+        twists = columns * self._supports[:, None]
+        if len(self._starts) < len(self._columns):  # mimic joints
+            twists = np.add.reduceat(twists, self._starts, axis=2)
+        return self._placed(data), twists
 
     def jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""

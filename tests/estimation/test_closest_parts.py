@@ -47,3 +47,14 @@ def test_the_order_of_the_points_changes_nothing(search: TreeSearch) -> None:
     assert (given[1] >= 0).any()
     for before, after in zip(given, shuffled, strict=True):
         assert (before[order] == after).all()
+
+
+def test_all_scan_points_have_the_owners_that_points_of_any_list_have(search: TreeSearch) -> None:
+    placements = search.part_placements(Candidates.single(np.eye(4), 0.3 * np.ones(len(search.neutral))))[0]
+    mask = search.exists.astype(np.uint8)
+    own = search.native.owners(placements, mask, BAND)
+    assert (own[1] >= 0).any()
+    for among_all, listed in zip(
+        own, search.native.assign(search.observation.points, placements, mask, BAND), strict=True
+    ):
+        assert (among_all == listed).all()

@@ -52,6 +52,24 @@ def test_closest_sample_grid_matches_brute_force() -> None:
     assert (gap < 1e-6).mean() > 0.98  # ... and almost everywhere quite
 
 
+def test_a_curve_leads_through_all_points_by_way_of_neighbours() -> None:
+    points = cloud(2000)
+    order = kernels.along_curve(points)
+    assert sorted(order.tolist()) == list(range(2000))
+    steps, random = (np.linalg.norm(np.diff(p, axis=0), axis=1).mean() for p in (points[order], points))
+    assert steps < 0.25 * random
+
+
+def test_the_first_points_of_each_cell_are_chosen_in_the_given_order() -> None:
+    random = np.random.default_rng(0)
+    cell, order = random.integers(0, 300, 1000).astype(np.int32), random.permutation(1000).astype(np.int32)
+    expected = [[i for i in order if cell[i] == own][:2] for own in range(300)]
+    assert kernels.first_of_cells(cell, order, 2).tolist() == [i for own in expected for i in own]
+    assert len(kernels.first_of_cells(cell[:0], order[:0], 2)) == 0
+    with pytest.raises(ValueError, match="count from 0"):
+        kernels.first_of_cells(cell - 1, order, 2)
+
+
 def test_voxel_means_are_the_means_of_their_points() -> None:
     points = cloud(500, seed=2)
     means, counts, cell = kernels.voxel_means(points, 0.2)

@@ -155,6 +155,14 @@ def test_random_trees(read: Callable[..., ArticulatedModel], seed: int) -> None:
     check_symbols(model, rng)
 
 
+@pytest.mark.parametrize("links", [2, 3])
+def test_trees_of_a_joint_or_two(read: Callable[..., ArticulatedModel], links: int, rng: np.random.Generator) -> None:
+    """Pinocchio's Jacobians of one joint have another shape."""
+    model = read(random_urdf(rng, links))
+    check_against_yourdfpy(model, second_opinion(model), rng)
+    check_jacobians(model, rng)
+
+
 def test_random_trees_hold_every_kind_of_joint(read: Callable[..., ArticulatedModel]) -> None:
     """Otherwise the tests above would prove less than they say."""
     kinds: set[str] = set()

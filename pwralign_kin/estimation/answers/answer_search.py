@@ -20,7 +20,7 @@ from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import BAND, TreeSearch
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS, Float
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -56,9 +56,9 @@ READING_GAIN = 0.001
 """... as long as the scores that answers are ranked by gain this, ..."""
 SOUND = 0.85
 """... and unless it is this sound."""
-SAMPLING, ANYWHERE, FINEST_REACH = 0.002, 0.02, 0.06
-"""Distance (model diagonals) that samples of the surface leave beside the noise, density of points that are not on the
-model against that of the noise at its peak, and distance beyond which all are alike."""
+SAMPLING, ANYWHERE = 0.002, 0.02
+"""Distance (model diagonals) that samples of the surface leave beside the noise, and density of points that are not on
+the model against that of the noise at its peak."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -506,16 +506,18 @@ def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
     """
     if search.observation.scene:
         return np.zeros(len(candidates), np.float32)  # most of it is other things
-    placements = search.part_placements(candidates)
-    distances = search.distances(search.observation.given, placements, search.exists, FINEST_REACH)
+    if len(candidates) == 1:
+        distances = search.given_owners(candidates)[0][None]
+    else:
+        placements = search.part_placements(candidates)
+        distances = search.distances(search.observation.given, placements, search.exists, BAND)
     return np.asarray(_log_likelihoods(search, distances, distances[0]).mean(axis=1), np.float32)
 
 
 def point_likelihoods(search: TreeSearch, candidate: Candidates) -> tuple[Float, NDArray[np.int32]]:
     """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
     that it is nearest to."""
-    placements = search.part_placements(candidate)[0]
-    distances, part = search.assigned(search.observation.given, placements, search.exists, FINEST_REACH)
+    distances, part = search.given_owners(candidate)
     return _log_likelihoods(search, distances, distances), part
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import BAND
 from pwralign_kin.se3 import Array, inverse
 
 MOST_STD = 3.0
@@ -54,7 +54,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     search = solver.search
     here = Candidates.single(base, values)
     T = search.part_placements(here)[0]
-    distance, owner = _distances(search, search.observation.given, T, search.exists)
+    distance, owner = search.given_owners(here)
     owned = np.bincount(owner[distance < search.reach], minlength=len(T))
     tried, steps = _tried(solver, values, joint)
     turned = np.tile(values, (len(tried), 1))
@@ -72,8 +72,8 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     # What the other side explains it explains whatever the value is.
     on_side = (owner >= 0) & moves[owner]
     points = np.ascontiguousarray(search.observation.given[on_side])
-    otherwise = _distances(search, points, T, search.exists & ~moves)[0]
-    moved = search.distances(points, placed, search.exists & moves, search.options.near).astype(float)
+    otherwise = search.assigned(points, T, search.exists & ~moves, BAND)[0].astype(float)
+    moved = search.distances(points, placed, search.exists & moves, BAND).astype(float)
     left = np.minimum(moved, otherwise)
     variance = errors.noise**2 + errors.systematic**2
     cost = np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) / (2.0 * POINTS_AS_ONE)
@@ -119,11 +119,3 @@ def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array,
         above = min((solver.upper[joint] - values[joint]) / step, most)
         steps = np.arange(-int(below), int(above) + 1)
     return values[joint] + step * steps, steps
-
-
-def _distances(
-    search: TreeSearch, points: NDArray[np.float32], placements: Array, parts: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.int32]]:
-    """Return of points how far they are from the nearest of `parts` of a posed model, and which it is."""
-    distance, owner = search.assigned(points, placements, parts, search.options.near)
-    return distance.astype(float), owner

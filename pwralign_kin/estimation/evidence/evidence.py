@@ -112,7 +112,8 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
     beyond = continued_beside(search, final, distance, cosine)
     rivals, apart = _rivals(search, final, others, points)
-    compared, support = search.scored(Candidates.concatenate([final, rivals]))
+    answer, support = search.scored(final)
+    compared = Candidates.concatenate([answer, search.scored(rivals)[0]]) if len(rivals) else answer
     refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
     margin, distinct, told = _margins(search, compared, apart, beyond)
     return Evidence(
@@ -147,10 +148,11 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
     """Return the largest median distance of a part's points over that of all; 1 where that tells nothing."""
     if search.observation.scene:
         return 1.0  # other things that touch the model count as points of its parts
-    placements = search.part_placements(final)[0]
-    distance, part = search.assigned(search.observation.given, placements, search.exists, search.reach)
-    all_of = median(distance[part >= 0]) if (part >= 0).any() else 0.0
-    counts = np.bincount(part[part >= 0], minlength=len(search.exists))
+    distance, part = search.given_owners(final)
+    near = distance < search.reach
+    distance, part = distance[near], part[near]
+    all_of = median(distance) if len(distance) else 0.0
+    counts = np.bincount(part, minlength=len(search.exists))
     each = [median(distance[part == i]) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 

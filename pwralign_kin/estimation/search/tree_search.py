@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
-
+Look = TypeVar("Look", bound=tuple[NDArray[Any], ...])
 
 FOCUS_PROBES = 60
 """Surface samples of each part that say what is near to a candidate."""
@@ -34,6 +34,8 @@ ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 SPARSE = 1.2
 """Spacings of points within which one confirms surface, where that is farther than a point's reach."""
+REMEMBERED = 8
+"""Looks at one candidate that are kept: the stages ask the same of the same answer in turn."""
 MOST_REACH = 0.9 * BAND
 """A point lies on the model nowhere beyond this, however noisy: of all others none would be told to be near it."""
 
@@ -155,6 +157,7 @@ class TreeSearch:
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
         self.native = kernels.Search(model, observation.field, native, neutral)
+        self._looks: dict[tuple[str, bytes, bytes, bytes], Any] = {}
         self.known = known or SearchPrior.nothing(neutral)
         self.known.tell(self.native)
         if searched is not None:
@@ -377,6 +380,11 @@ class TreeSearch:
         return self._score(candidates, points)[1]
 
     def _score(self, candidates: Candidates, points: int | None = None) -> tuple[Float, Float, Float]:
+        if points is None and len(candidates) == 1:
+            return self._remembered("score", candidates, self.exists, lambda: self._scores(candidates, None))
+        return self._scores(candidates, points)
+
+    def _scores(self, candidates: Candidates, points: int | None) -> tuple[Float, Float, Float]:
         points = self._spread(points) if points else int(self.searched.sum())
         return self.native.score(candidates.bases, candidates.values, points, [self.options.coverage_distance])[0]
 
@@ -425,7 +433,7 @@ class TreeSearch:
 
     def unexplained(self, candidate: Candidates) -> float:
         """Return the share of scan points far from the surface of one candidate."""
-        distance = self._distances(candidate, self.observation.points)
+        distance = self.owners(candidate, self.exists)[0]
         if self.observation.scene:
             # Most of a scene is other things: only what is searched and near the model should be explained.
             distance = distance[self.searched & (distance < self.options.near)]
@@ -440,21 +448,46 @@ class TreeSearch:
 
     def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
         """Return which of the candidates (m,) have surface near `point` (1, 3)."""
-        distances = [self._distances(candidates.take([i]), point)[0] for i in range(len(candidates))]
-        return np.array(distances) < self.options.near
+        distances = self.distances(point, self.part_placements(candidates), self.exists, BAND)
+        return np.asarray(distances[:, 0] < self.options.near)
 
     def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
         """Return per scan point its distance (at most `BAND`) from one candidate's nearest of `parts`, and which."""
-        return self._assigned(candidate, self.observation.points, parts)
+        return self._owners(candidate, parts)[:2]
+
+    def _owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints, Ints]:
+        def look() -> tuple[Float, Ints, Ints]:
+            return self.native.owners(self.part_placements(candidate)[0], parts.astype(np.uint8), BAND)
+
+        return self._remembered("owners", candidate, parts, look)
 
     def lying(self, candidate: Candidates) -> tuple[Float, Ints, Float]:
-        """Return per scan point its distance (at most `near`) from one candidate's nearest part, which that is (-1:
+        """Return per scan point its distance (at most `BAND`) from one candidate's nearest part, which that is (-1:
         none), and the cosine between the point's normal and the model's there (0 for none)."""
-        placements = np.ascontiguousarray(self.part_placements(candidate)[0])
-        mask = self.exists.astype(np.uint8)
-        distance, part, sample = self.native.assign(self.observation.points, placements, mask, self.options.near)
-        cosine = self.native.facing(self.observation.normals, placements, part, sample)
-        return np.asarray(distance), np.asarray(part), np.asarray(cosine)
+        distance, part, sample = self._owners(candidate, self.exists)
+        cosine = self.native.facing(self.observation.normals, self.part_placements(candidate)[0], part, sample)
+        return distance, part, np.asarray(cosine)
+
+    def given_owners(self, candidate: Candidates) -> tuple[Float, Ints]:
+        """Return per given point its distance (at most `BAND`) from one candidate, and the nearest part (-1: none)."""
+
+        def look() -> tuple[Float, Ints]:
+            return self.assigned(self.observation.given, self.part_placements(candidate)[0], self.exists, BAND)
+
+        return self._remembered("given", candidate, self.exists, look)
+
+    def _remembered(self, what: str, candidate: Candidates, parts: NDArray[np.bool_], look: Callable[[], Look]) -> Look:
+        """Return what a `look` at one candidate finds; it is not to be written to."""
+        key = (what, candidate.bases.tobytes(), candidate.values.tobytes(), parts.tobytes())
+        if key not in self._looks:
+            found = look()
+            for array in found:
+                array.flags.writeable = False
+            while len(self._looks) >= REMEMBERED:
+                del self._looks[next(iter(self._looks))]
+            self._looks[key] = found
+        kept: Look = self._looks[key]
+        return kept
 
     def confirmed(self, candidate: Candidates) -> float:
         """Return the share of one candidate's surface in sight that scan points confirm: they lie on it, and are
@@ -493,7 +526,7 @@ class TreeSearch:
 
     def residual(self, candidate: Candidates) -> float:
         """Return the robust standard deviation of the given points that lie on one candidate."""
-        return self.residual_of(self._distances(candidate, self.observation.given))
+        return self.residual_of(self.given_owners(candidate)[0])
 
     def residual_of(self, distance: Float) -> float:
         """Return the robust standard deviation of points that lie on the model, by the distances of all."""
@@ -510,12 +543,6 @@ class TreeSearch:
     def noise_reach(self) -> float:
         """Distance from the model beyond which noise does not explain a scan point that lies on it."""
         return 0.005 + 3.0 * self.observation.noise
-
-    def _distances(self, candidate: Candidates, points: Float) -> Float:
-        return self._assigned(candidate, points, self.exists)[0]
-
-    def _assigned(self, candidate: Candidates, points: Float, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
-        return self.assigned(points, self.part_placements(candidate)[0], parts, BAND)
 
     def assigned(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> tuple[Float, Ints]:
         """Return per point its distance (at most `reach`) from the nearest of `parts` placed (parts, 4, 4), and which;

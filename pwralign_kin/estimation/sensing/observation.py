@@ -294,12 +294,10 @@ def as_given(
     Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
     point of their own cell or the next.
     """
-    left = np.random.default_rng(0).permutation(len(raw))[::-1]
-    chosen = np.full((cell.max(initial=-1) + 1, options.given_per_cell), -1)
-    for column in chosen.T:
-        column[cell[left]] = left  # of several points of a cell the last stays
-        left = left[column[cell[left]] != left]
-    given = raw[chosen[chosen >= 0]]
+    order = np.random.default_rng(0).permutation(len(raw)).astype(np.int32)
+    given = raw[kernels.first_of_cells(cell, order, options.given_per_cell)]
+    if len(given):
+        given = given[kernels.along_curve(given)]  # neighbours next to each other are looked up together
     nearest, near = _nearest_prepared(given, field, points, options)
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 

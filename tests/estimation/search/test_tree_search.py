@@ -9,7 +9,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
@@ -198,3 +198,20 @@ def test_a_thin_part_off_the_scan_lacks_however_much_area_noise_gives_the_others
     assert search.explained_shares(search.owners(right, search.exists)[1]).min() > 1.5
     assert not search.lacks(right).any()
     assert search.lacks(off).tolist() == [False, False, False, False, True]
+
+
+def test_looks_at_an_answer_are_kept_and_never_mistaken_for_those_at_another(
+    search: TreeSearch, right: Candidates
+) -> None:
+    fresh = search.widened()
+    seen = fresh.scored(right)[0].scores, *fresh.owners(right, fresh.exists), *fresh.given_owners(right)
+    others = [Candidates(right.bases, right.values + 0.05 * i, right.scores) for i in range(1, 2 * REMEMBERED)]
+    apart = [(fresh.scored(one)[0].scores, fresh.owners(one, fresh.exists)[0]) for one in others]
+    again = fresh.scored(right)[0].scores, *fresh.owners(right, fresh.exists), *fresh.given_owners(right)
+    for before, after in zip(seen, again, strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert all(score != seen[0] and (distance != seen[1]).any() for score, distance in apart)
+    without = fresh.exists & (np.arange(len(fresh.exists)) > 0)
+    assert (fresh.owners(right, without)[1] != 0).all() and (fresh.owners(right, fresh.exists)[1] == 0).any()
+    with pytest.raises(ValueError, match="read-only"):
+        fresh.owners(right, fresh.exists)[0][0] = 0.0
