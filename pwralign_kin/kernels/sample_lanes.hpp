@@ -26,7 +26,8 @@ struct SampleLanes {
     VecLanes away;       // sample minus that point, ...
     VecLanes normal;     // ... and the point's normal; both meaningless where none was found
     FloatLanes squared;  // squared length of that, infinite where none was found
-    FloatLanes facing;   // cosine between the normals, at least 0
+    FloatLanes cosine;   // cosine between the normals, ...
+    FloatLanes facing;   // ... and that, at least 0
     FloatLanes seen;     // cosine between the sample's normal and the direction to the sensor, times the sensor's distance
     int nearest[lane_count]; // the scan points, 0 where none was found
 
@@ -42,14 +43,15 @@ struct SampleLanes {
         store_lanes(found ? code >> 2 : IntLanes{}, nearest);
         seen = dot(field.sensor - place, own);
         if (!any_lane(found)) {
-            away = normal = place, squared = all_lanes(1e30f), facing = FloatLanes{};
+            away = normal = place, squared = all_lanes(1e30f), cosine = facing = FloatLanes{};
             return;
         }
         VecLanes q;
         field.rows.gather(nearest, q, normal);
         away = place - q;
         squared = found ? dot(away, away) : all_lanes(1e30f);
-        facing = max_lanes(dot(own, normal), FloatLanes{});
+        cosine = dot(own, normal);
+        facing = max_lanes(cosine, FloatLanes{});
     }
 };
 

@@ -119,16 +119,14 @@ Search::Sight Search::in_sight(const std::vector<Rigid> &T, float distance, floa
         const RigidF F = to_float(T[p]);
         const int count = s.count(samples_in_sight);
         FloatLanes shown{}, confirmed{};
-        for (int i = 0; i < count; i += lane_count) {
-            const SampleLanes at(field, s, F, i, count);
+        for_samples(field, s, F, 0, count, [&](const SampleLanes &at) {
             const VecLanes view = field.sensor - at.place;
             const IntLanes faces = (at.seen > 0) & (at.seen * at.seen > grazing * grazing * dot(view, view)) & (at.free > 0);
             const FloatLanes w = !field.has_origin ? at.w : faces ? at.w : FloatLanes{};
-            // Of either side: the point nearest to a thin plate's surface may be on its back.
-            const FloatLanes agreement = dot(rotate(F, s.lane_normals.at(i)), at.normal);
             shown += w;
-            confirmed += (at.squared < limit) & (agreement * agreement > cosine * cosine) ? w : FloatLanes{};
-        }
+            // Of either side: the point nearest to a thin plate's surface may be on its back.
+            confirmed += (at.squared < limit) & (at.cosine * at.cosine > cosine * cosine) ? w : FloatLanes{};
+        });
         sight.shown[p] = sum_of_lanes(shown) / s.cumulated[count];
         sight.confirmed[p] = sum_of_lanes(confirmed) / s.cumulated[count];
     }
