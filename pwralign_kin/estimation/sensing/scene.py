@@ -175,16 +175,13 @@ def close_up(
     from free space."""
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
-    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
-    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(scene.line_gap, preparing))
-    field = _field(
-        points, normals, weights, areas, regions, scene.raw, scene.sensor_origin, preparing, options, threads
-    )
+    kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
+    field = _field(kept, _Seen(scene.raw, scene.sensor_origin, scene.line_gap), preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
         scene, points=points, normals=normals, given=scene.given[mine], given_normals=scene.given_normals[mine],
-        weights=weights, areas=areas, regions=regions, scene=False, field=field,
+        weights=kept.weights, areas=kept.areas, regions=kept.regions, scene=False, field=field,
         spacing=float(np.median(preparation.sixth_neighbour(points, threads))),
     )  # fmt: skip
 
@@ -251,7 +248,6 @@ def _observed(
     noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
     points = np.ascontiguousarray(cells.points[kept])
     normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
-    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(gap, preparing))
     normals = preparation.oriented_normals(
         points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
     )
@@ -261,7 +257,8 @@ def _observed(
     regions, areas = region[kept].astype(np.int32), cells.areas[kept]
     other = np.where(planes[kept], options.plane_weight, options.other_weight)
     weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
-    field = _field(points, normals, weights, areas, regions, cells.raw, cells.origin, preparing, options, threads)
+    seen = _Seen(cells.raw, cells.origin, gap)
+    field = _field(_Kept(points, normals, weights, areas, regions), seen, preparing, options, threads)
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
     mine = of_model[cells.of_point]
@@ -274,31 +271,44 @@ def _observed(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """The points of a scene that are kept, as `Observation` holds them."""
+
+    points: Float
+    normals: Float
+    weights: Float
+    areas: Float
+    regions: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """All that was seen of a scene: it tells free from hidden space."""
+
+    points: Float
+    """(n, 3)"""
+    origin: Float | None
+    """(3,) where from, else None."""
+    line_gap: float
+    """`Observation.line_gap`"""
+
+
 def _field(
-    points: Float,
-    normals: Float,
-    weights: Float,
-    areas: Float,
-    regions: NDArray[np.int32],
-    seen: Float,
-    origin: Float | None,
-    preparing: ObservationOptions,
-    options: SceneOptions,
-    threads: int,
+    kept: _Kept, seen: _Seen, preparing: ObservationOptions, options: SceneOptions, threads: int
 ) -> kernels.ScanField:
-    """Return the field of the points that are kept; everything `seen` (n, 3) from `origin` tells free from hidden
-    space."""
-    cell, pixel = preparing.field_cell, preparing.depth_pixel
-    while np.prod(np.ptp(points, axis=0) / cell + 80) > LARGEST_FIELD:
+    """Return the field of the points that are kept, in what was seen."""
+    cell, pixel = preparing.field_cell, preparation.depth_pixel(seen.line_gap, preparing)
+    while np.prod(np.ptp(kept.points, axis=0) / cell + 80) > LARGEST_FIELD:
         cell *= 1.2
-    if origin is not None:
+    if seen.origin is not None:
         # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
-        searched = float(np.median(np.linalg.norm(points[regions >= 0] - origin, axis=1)))
-        pixel *= float(np.linalg.norm(seen.mean(axis=0) - origin)) / searched
+        searched = float(np.median(np.linalg.norm(kept.points[kept.regions >= 0] - seen.origin, axis=1)))
+        pixel *= float(np.linalg.norm(seen.points.mean(axis=0) - seen.origin)) / searched
     return kernels.ScanField(
-        points, normals, weights, areas, regions, cell, preparing.field_truncation,
-        [] if origin is None else [float(v) for v in origin],
-        seen if origin is not None else np.zeros((0, 3), np.float32),
+        kept.points, kept.normals, kept.weights, kept.areas, kept.regions, cell, preparing.field_truncation,
+        [] if seen.origin is None else [float(v) for v in seen.origin],
+        seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
         pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
     )  # fmt: skip
 
