@@ -512,9 +512,9 @@ def test_xacro_finds_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Pa
     assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws2/src"]).root_link == "wrist"
 
 
-def test_every_example_robot_reads(robot_folder: Path) -> None:
+def test_every_example_robot_reads(wheel_folder: Path) -> None:
     """Of all URDFs of the wheel only an empty one and one that mimics unknown joints are refused."""
-    paths = sorted(robot_folder.rglob("*.urdf"))
+    paths = sorted(wheel_folder.rglob("*.urdf"))
     assert len(paths) > 50
     refused = {}
     for path in paths:
