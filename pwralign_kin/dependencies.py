@@ -96,6 +96,8 @@ def _loaded(module: str) -> Any:
     try:
         return import_module(module)
     except (ImportError, OSError) as error:
+        if _was_interrupted(error):
+            raise KeyboardInterrupt from error
         problem = explained(error)
         if problem is None:
             distribution = _DISTRIBUTIONS[module]
@@ -103,6 +105,13 @@ def _loaded(module: str) -> Any:
                 f"{distribution} does not load ({error})", f"pip install --force-reinstall {distribution}"
             )
         raise problem from error
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Return whether the user stopped an import: native modules tell that as a failure of their own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _loads(library: str) -> bool:

@@ -56,6 +56,8 @@ def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
             value = math.nan
         if not name or not equals or not math.isfinite(value):
             raise UsageError(f"--joint takes name=value with a number in rad or m, not {text!r}.")
+        if name in values:
+            raise UsageError(f"--joint {name} is given twice, as {values[name]:g} and {value:g}.")
         values[name] = value
     return values
 

@@ -93,6 +93,9 @@ class ScanOptions:
         if path.suffix.lower() in (".urdf", ".xacro"):
             raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
         if path.suffix.lower() != ".png":
+            if self.depth != CAMERA_OPTIONS:
+                given = "--intrinsics, --depth-scale and --camera are of depth images, 16-bit PNG"
+                raise UsageError(f"{path} is no depth image: {given}.")
             scan = Scan.load(path, sensor_origin=self.sensor_origin, units="auto")
         elif self.units not in ("m", "auto"):
             raise UsageError(f"{path} is a depth image: --depth-scale says what its numbers are in, not --units.")

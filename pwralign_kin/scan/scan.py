@@ -119,11 +119,9 @@ class Scan:
             self._checked_origin(sensor_origin, len(given)),
             self._checked_normals(normals, len(given)),
         )
-        if any(self.dropped.values()):
-            logger.info(
-                "%s: dropped %d non-finite and %d duplicate points of %d",
-                self.source, self.dropped["non_finite"], self.dropped["duplicate"], self.n_input,
-            )  # fmt: skip
+        dropped = " and ".join(f"{count} {why.replace('_', '-')}" for why, count in self.dropped.items() if count)
+        if dropped:
+            logger.info("%s: dropped %s points of %d", self.source, dropped, self.n_input)
 
     @classmethod
     def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Units = "m") -> Scan:

@@ -127,6 +127,15 @@ def test_a_missing_module_gets_its_install_line(monkeypatch: pytest.MonkeyPatch)
         dependencies.open3d()
 
 
+def test_an_interrupted_import_is_no_broken_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(module: str) -> None:
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(dependencies, "import_module", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        dependencies.open3d()
+
+
 @pytest.mark.parametrize("verb", ["estimate", "track", "calibrate", "simulate"])
 @pytest.mark.parametrize("json_too", [False, True])
 def test_a_reader_who_has_gone_changes_neither_files_nor_exit_code(

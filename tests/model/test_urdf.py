@@ -354,7 +354,8 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_not_xml(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bad.urdf"
     path.write_text(text)
-    assert faults(path)[0].startswith("not XML")
+    assert faults(path)[0].startswith("not a URDF, for it is not XML: ")
+    assert "<string>" not in faults(path)[0]
 
 
 def test_not_a_urdf(tmp_path: Path) -> None:
