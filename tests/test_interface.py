@@ -108,6 +108,16 @@ def test_states_are_equal_by_value() -> None:
     assert all(state != other for other in (*others, None, 3))
 
 
+def test_a_line_tells_a_state_and_a_result(seen: SimulatedScan, found: pk.Estimate) -> None:
+    assert (
+        repr(pk.State()) == "State(root link: xyz 0.0000 0.0000 0.0000 m, xyzw 0.0000 0.0000 0.0000 1.0000; no joints)"
+    )
+    lid = f"lid_hinge {found.state.joints['lid_hinge']:.4f})"
+    assert repr(found.state).startswith("State(base: xyz ") and repr(found.state).endswith(lid)
+    assert repr(found).startswith(f"Estimate(confidence {found.confidence:.2f}; ")
+    assert repr(found).endswith(f"{found.state!r})") and len(repr(found)) < 300
+
+
 def test_results_are_equal_by_identity(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:
     again = copy.copy(found)
     assert found == found and found != again and len({found, again}) == 2

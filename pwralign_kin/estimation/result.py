@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence
-from pwralign_kin.se3 import Array, quaternion_xyzw
+from pwralign_kin.se3 import Array, placement_text
 from pwralign_kin.state import State
 
 SEEN_POINTS = 15
@@ -150,15 +150,19 @@ class Estimate:
             "options": dict(self.options),
         }
 
+    def __repr__(self) -> str:
+        """Return one line: how sure the answer is, and the answer. `print` shows the table."""
+        undetermined = f"undetermined: {', '.join(self.undetermined)}; " * bool(self.undetermined)
+        others = f"alternatives: {len(self.alternatives)}; " * bool(self.alternatives)
+        return f"Estimate(confidence {self.confidence:.2f}; {undetermined}{others}{self.state!r})"
+
     def __str__(self) -> str:
         """Return a table of joints and parts, worth reading."""
-        x, y, z = self.state.T_scan_base[:3, 3]
-        quaternion = " ".join(f"{v:.4f}" for v in quaternion_xyzw(self.state.T_scan_base))
         lines = [
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
             f"support {self.model_support:.1%} of the {'visible' if self.viewpoint_known else 'whole'} model   "
             f"inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
-            f"base link {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            f"base link {self.state.base_link}: {placement_text(self.state.T_scan_base, 4)}",
             "",
             *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]

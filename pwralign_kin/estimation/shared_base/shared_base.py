@@ -114,12 +114,15 @@ class SharedBaseEstimate:
             "estimates": each,
         }
 
+    def __repr__(self) -> str:
+        """Return one line: how sure the base is, and the base. `print` shows a line a scan."""
+        base = f"{self.base_link}: {se3.placement_text(self.T_scan_base, 4)}"
+        return f"SharedBaseEstimate({len(self.estimates)} scans, confidence {self.confidence:.2f}; {base})"
+
     def __str__(self) -> str:
         """Return the base, and a line a scan."""
-        x, y, z = self.T_scan_base[:3, 3]
-        quaternion = " ".join(f"{v:.5f}" for v in se3.quaternion_xyzw(self.T_scan_base))
         lines = [
-            f"base link {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
+            f"base link {self.base_link}: {se3.placement_text(self.T_scan_base, 5)}",
             f"standard deviation {1e3 * self.translation_std:.2f} mm, {np.degrees(self.rotation_std):.3f} deg   "
             f"confidence {self.confidence:.2f}",
             "",
