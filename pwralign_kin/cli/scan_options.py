@@ -90,8 +90,7 @@ class ScanOptions:
         """Return the scan, cropped, in the unit of its file; of a depth image in m."""
         from pwralign_kin.scan import Scan
 
-        if path.suffix.lower() in (".urdf", ".xacro"):
-            raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
+        refuse_urdf(path)
         if path.suffix.lower() != ".png":
             if self.depth != CAMERA_OPTIONS:
                 given = "--intrinsics, --depth-scale and --camera are of depth images, 16-bit PNG"
@@ -129,6 +128,12 @@ class ScanOptions:
 
 
 SCAN_OPTIONS = ScanOptions()
+
+
+def refuse_urdf(path: Path) -> None:
+    """Raise `UsageError` where the file of a scan is a URDF."""
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
 
 
 def in_metres(scan: Scan, units: Units, diagonal: float) -> tuple[Scan, float]:

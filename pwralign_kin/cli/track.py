@@ -12,7 +12,7 @@ from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Joints, Seed, Threads, Triple
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
-from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres, refuse_urdf
 
 if TYPE_CHECKING:
     from pwralign_kin.tracking import TrackedFrame
@@ -71,6 +71,8 @@ def track(
     """
     if not frames:
         raise UsageError("track takes at least one frame.")
+    for path in frames:
+        refuse_urdf(path)
     if mcap and out is None:
         raise UsageError("--mcap is one of the files that --out writes: give --out.")
     values = arguments.joint_values(joint)
