@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import importlib.metadata
 import json
 import pickle
@@ -116,6 +117,10 @@ def test_a_line_tells_a_state_and_a_result(seen: SimulatedScan, found: pk.Estima
     assert repr(found.state).startswith("State(base: xyz ") and repr(found.state).endswith(lid)
     assert repr(found).startswith(f"Estimate(confidence {found.confidence:.2f}; ")
     assert repr(found).endswith(f"{found.state!r})") and len(repr(found)) < 300
+
+
+def test_an_answer_far_from_all_points_has_no_distance_from_them(found: pk.Estimate) -> None:
+    assert "inlier RMSE -" in str(dataclasses.replace(found, inlier_rmse=np.nan))
 
 
 def test_results_are_equal_by_identity(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,6 +72,14 @@ def complain(text: str, code: int) -> int:
     """Write an error as one line and return the exit code."""
     say(text, "error")
     return code
+
+
+def wrote(paths: Iterable[Path]) -> list[str]:
+    """Return a line for each folder that files were written into."""
+    files: dict[Path, list[str]] = {}
+    for path in paths:
+        files.setdefault(path.parent, []).append(path.name)
+    return [f"wrote {folder}: {' '.join(names)}" for folder, names in files.items()]
 
 
 def outcome(confidence: float, result: str) -> int:

@@ -23,7 +23,7 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
-from pwralign_kin.estimation.result import Estimate, shown
+from pwralign_kin.estimation.result import Estimate, millimetres, shown
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
@@ -131,7 +131,7 @@ class SharedBaseEstimate:
         for i, e in enumerate(self.estimates):
             lines.append(
                 f"{i:4d}  {e.confidence:10.2f}  {e.scan_coverage:8.1%}  {e.model_support:7.1%}  "
-                f"{_millimetres(e.inlier_rmse)}  {', '.join(e.undetermined) or '-'}"
+                f"{millimetres(e.inlier_rmse):>11}  {', '.join(e.undetermined) or '-'}"
                 + ("  (alone it had another base)" if i in self.outvoted else "")
             )
         width = max([len("joint"), *map(len, self.estimates[0].state.joints)])
@@ -145,11 +145,6 @@ class SharedBaseEstimate:
         lines += [""] * any(self.contradicted)
         lines += self.contradicted
         return "\n".join(lines)
-
-
-def _millimetres(value: float) -> str:
-    """Return a length (m), which may be nan, in mm."""
-    return f"{1e3 * value:8.2f} mm" if np.isfinite(value) else f"{'-':>11}"
 
 
 def estimate_shared_base(
