@@ -56,7 +56,7 @@ class Scan:
     """Points of a scan in one frame, in m: finite, distinct, never changed.
 
     Attributes:
-        points: (n, 3) float64, read-only, in the order given.
+        points: (n, 3) float64, in the order given; read-only, for libraries that demand more `np.array(points)`.
         normals: (n, 3) unit normals as the source gave them, or None.
         sensor_origin: None (unknown), (3,) for one viewpoint, or (n, 3) aligned with `points` for fused
             scans; m.
