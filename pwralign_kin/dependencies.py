@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from pwralign_kin.exceptions import DependencyError
@@ -82,7 +83,9 @@ def explained(error: ImportError | OSError) -> DependencyError | None:
     if isinstance(error, ModuleNotFoundError) and error.name is not None:
         module = error.name.partition(".")[0]
         if module == __package__:
-            return DependencyError(f"{error.name} was not built", "pip install . in its source folder")
+            source = Path(__file__).parents[1]
+            where = f"{error.name} is not built in {source}, which is a source folder and not where it is installed"
+            return DependencyError(where, "pip install -e . there, or Python in another folder")
         distribution = _DISTRIBUTIONS.get(module, module)
         return DependencyError(f"{module} is not installed", f"pip install {distribution}")
     named = _SONAME.search(str(error))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.export import export
 from pwralign_kin.simulation import SimulatedScan
 
@@ -97,6 +98,15 @@ def test_names_and_version() -> None:
     assert pk.__version__ == importlib.metadata.version("pwralign-kin")
     assert dir(pk) == sorted(pk.__all__)
     assert all(getattr(pk, name) is not None for name in pk.__all__)
+
+
+def test_python_started_in_the_source_folder_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def shadowed(module: str) -> None:
+        raise ModuleNotFoundError("No module named 'pwralign_kin.kernels._native'", name="pwralign_kin.kernels._native")
+
+    monkeypatch.setattr(pk, "import_module", shadowed)
+    with pytest.raises(DependencyError, match=f"not built in {REPOSITORY}.* in another folder"):
+        pk.__getattr__("Scan")
 
 
 def test_states_are_equal_by_value() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 import sys
 import tempfile
@@ -86,8 +85,7 @@ def outcome(confidence: float, result: str) -> int:
     """Return the exit code of a result; one of little confidence is warned about."""
     if confidence >= ENOUGH_CONFIDENCE:
         return OK
-    low = f"low confidence ({math.floor(100.0 * confidence) / 100.0:.2f}, below {ENOUGH_CONFIDENCE})"
-    say(f"{low}: look at the {result} before you use it", "warning")
+    say(f"low confidence, below {ENOUGH_CONFIDENCE}: look at the {result} before you use it", "warning")
     return LOW_CONFIDENCE
 
 

@@ -357,7 +357,7 @@ def test_usage_errors_name_the_verb(arm: Path, pwralign: Call) -> None:
 
 def test_little_confidence_is_not_rounded_up(capfd: pytest.CaptureFixture[str]) -> None:
     assert messages.outcome(0.4999, "result") == 3
-    assert "(0.49, below 0.5)" in capfd.readouterr().err
+    assert "low confidence, below 0.5: look at the result" in capfd.readouterr().err
 
 
 def test_inspect_tells_extents_with_their_unit(arm: Path, tmp_path: Path, pwralign: Call) -> None:
