@@ -80,7 +80,12 @@ def __getattr__(name: str) -> Any:
         return version("pwralign-kin")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    try:
+        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    except ImportError as error:
+        from pwralign_kin.dependencies import explained
+
+        raise explained(error) or error from None
 
 
 def __dir__() -> list[str]:

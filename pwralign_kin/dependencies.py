@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from pwralign_kin.exceptions import DependencyError
@@ -82,7 +83,9 @@ def explained(error: ImportError | OSError) -> DependencyError | None:
     if isinstance(error, ModuleNotFoundError) and error.name is not None:
         module = error.name.partition(".")[0]
         if module == __package__:
-            return DependencyError(f"{error.name} was not built", "pip install . in its source folder")
+            source = Path(__file__).parents[1]
+            where = f"{error.name} is not built in {source}, which is a source folder and not where it is installed"
+            return DependencyError(where, "pip install -e . there, or Python in another folder")
         distribution = _DISTRIBUTIONS.get(module, module)
         return DependencyError(f"{module} is not installed", f"pip install {distribution}")
     named = _SONAME.search(str(error))
@@ -96,6 +99,8 @@ def _loaded(module: str) -> Any:
     try:
         return import_module(module)
     except (ImportError, OSError) as error:
+        if _was_interrupted(error):
+            raise KeyboardInterrupt from error
         problem = explained(error)
         if problem is None:
             distribution = _DISTRIBUTIONS[module]
@@ -103,6 +108,13 @@ def _loaded(module: str) -> Any:
                 f"{distribution} does not load ({error})", f"pip install --force-reinstall {distribution}"
             )
         raise problem from error
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Return whether the user stopped an import: native modules tell that as a failure of their own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _loads(library: str) -> bool:

@@ -30,12 +30,12 @@ class MissingMeshError(ModelError):
         self.meshes = meshes
         names = ", ".join(meshes)
         tried = next(iter(meshes.values()))
-        where = f"looked for the first at {' or '.join(map(str, tried))}" if tried else "no package of the first's name"
-        super().__init__(
-            path,
-            f"{len(meshes)} missing mesh{'es' if len(meshes) > 1 else ''}: {names} ({where}); "
-            "name the folders that contain its packages with package_dirs / --package-dir",
-        )
+        it, its = ("the first", "the first's") if len(meshes) > 1 else ("it", "its")
+        where = f"looked for {it} at {' or '.join(map(str, tried))}" if tried else f"no package of {its} name"
+        remedy = "name the folders that contain its packages with package_dirs / --package-dir"
+        if not any(name.startswith("package://") for name in meshes):
+            remedy = "are they where the URDF says, as seen from its own folder?"
+        super().__init__(path, f"{len(meshes)} missing mesh{'es' * (len(meshes) > 1)}: {names} ({where}); {remedy}")
 
 
 class ScanError(PwralignError):

@@ -137,6 +137,12 @@ def quaternion_xyzw(T: Array) -> Array:
     return -q if q[3] < 0 else q
 
 
+def placement_text(T: Array, digits: int) -> str:
+    """Return a placement `T` (m) for reading: xyz and quaternion, with so many digits."""
+    xyz, xyzw = (" ".join(f"{v:.{digits}f}" for v in values) for values in (T[:3, 3], quaternion_xyzw(T)))
+    return f"xyz {xyz} m, xyzw {xyzw}"
+
+
 def roll_pitch_yaw(T: Array) -> tuple[float, float, float]:
     """Return URDF's rpy of the placement `T`: fixed-axis roll, pitch, yaw (rad), exact at a pitch of a right angle too.
 

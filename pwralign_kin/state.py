@@ -13,7 +13,7 @@ import numpy as np
 
 from pwralign_kin import files
 from pwralign_kin.exceptions import ExportError, StateError
-from pwralign_kin.se3 import Array, checked_placement
+from pwralign_kin.se3 import Array, checked_placement, placement_text
 
 
 def checked_joints(joints: Mapping[str, float], what: str) -> dict[str, float]:
@@ -87,6 +87,11 @@ class State:
     def __hash__(self) -> int:
         """Equal states have equal hashes."""
         return hash((tuple(self.T_scan_base.ravel().tolist()), frozenset(self.joints.items()), self.base_link))
+
+    def __repr__(self) -> str:
+        """Return one line: the base and every joint's value, rounded."""
+        joints = ", ".join(f"{name} {value:.4f}" for name, value in self.joints.items())
+        return f"State({self.base_link or 'root link'}: {placement_text(self.T_scan_base, 4)}; {joints or 'no joints'})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `state.json`."""

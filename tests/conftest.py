@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -70,6 +71,16 @@ def shared_folder() -> Path:
     if not folder.is_dir():
         pytest.skip("no benchmark data: set PWRALIGN_SHARED, or put the folder `shared` beside the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def wheel_folder() -> Path:
+    """The robots of the wheel example-robot-data."""
+    for folder in map(Path, sys.path):
+        robots = folder / "cmeel.prefix/share/example-robot-data/robots"
+        if robots.is_dir():
+            return robots
+    pytest.skip("the wheel example-robot-data is not installed")
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import importlib.metadata
 import json
 import pickle
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.export import export
 from pwralign_kin.simulation import SimulatedScan
 
@@ -98,6 +100,15 @@ def test_names_and_version() -> None:
     assert all(getattr(pk, name) is not None for name in pk.__all__)
 
 
+def test_python_started_in_the_source_folder_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def shadowed(module: str) -> None:
+        raise ModuleNotFoundError("No module named 'pwralign_kin.kernels._native'", name="pwralign_kin.kernels._native")
+
+    monkeypatch.setattr(pk, "import_module", shadowed)
+    with pytest.raises(DependencyError, match=f"not built in {REPOSITORY}.* in another folder"):
+        pk.__getattr__("Scan")
+
+
 def test_states_are_equal_by_value() -> None:
     state = pk.State(np.eye(4), {"a": 0.1, "b": 0.0}, "base")
     same = pk.State(np.eye(4), {"b": -0.0, "a": 0.1}, "base")
@@ -106,6 +117,20 @@ def test_states_are_equal_by_value() -> None:
     moved[0, 3] = 1e-9
     others = (pk.State(moved, state.joints, "base"), pk.State(np.eye(4), {"a": 0.1}, "base"), pk.State(np.eye(4)))
     assert all(state != other for other in (*others, None, 3))
+
+
+def test_a_line_tells_a_state_and_a_result(seen: SimulatedScan, found: pk.Estimate) -> None:
+    assert (
+        repr(pk.State()) == "State(root link: xyz 0.0000 0.0000 0.0000 m, xyzw 0.0000 0.0000 0.0000 1.0000; no joints)"
+    )
+    lid = f"lid_hinge {found.state.joints['lid_hinge']:.4f})"
+    assert repr(found.state).startswith("State(base: xyz ") and repr(found.state).endswith(lid)
+    assert repr(found).startswith(f"Estimate(confidence {found.confidence:.2f}; ")
+    assert repr(found).endswith(f"{found.state!r})") and len(repr(found)) < 300
+
+
+def test_an_answer_far_from_all_points_has_no_distance_from_them(found: pk.Estimate) -> None:
+    assert "inlier RMSE -" in str(dataclasses.replace(found, inlier_rmse=np.nan))
 
 
 def test_results_are_equal_by_identity(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:

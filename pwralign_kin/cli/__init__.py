@@ -28,6 +28,14 @@ VERBS = {
 """Each verb is a module of this package with a function of the same name."""
 
 
+USAGES = {
+    "estimate": "[OPTIONS] URDF SCAN [SCAN ...]",
+    "calibrate": "[OPTIONS] URDF SCAN=JOINTS [SCAN=JOINTS ...]",
+    "track": "[OPTIONS] URDF FRAME [FRAME ...]",
+    "inspect": "[OPTIONS] URDF [SCAN]",
+}
+"""How verbs are called of which the parser does not name all arguments."""
+
 EXAMPLES = {
     "estimate": (
         "pwralign estimate robot.urdf scan.ply --out result",
@@ -80,7 +88,8 @@ def _app() -> App:
     )
     for place, (verb, summary) in enumerate(VERBS.items()):
         text = "\n\n".join([summary, *(f"Example: {example}" for example in EXAMPLES.get(verb, ()))])
-        app.command(f"{__name__}.{verb}:{verb}", name=verb, help=text, sort_key=place)
+        usage = f"Usage: pwralign {verb} {USAGES[verb]}" if verb in USAGES else None
+        app.command(f"{__name__}.{verb}:{verb}", name=verb, help=text, usage=usage, sort_key=place)
     return app
 
 

@@ -42,7 +42,25 @@ Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
-Joints = Annotated[list[str] | None, Parameter("--joint", negative=(), group=GUESS)]
+Joints = Annotated[
+    list[str] | None,
+    Parameter(
+        "--joint",
+        help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated.",
+        negative=(),
+        group=GUESS,
+    ),
+]
+
+Locks = Annotated[
+    list[str] | None,
+    Parameter(
+        "--lock",
+        help="A joint that keeps its --joint or --initial value, else 0 or the limit nearest to it; may be repeated.",
+        negative=(),
+        group=GUESS,
+    ),
+]
 
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
@@ -56,6 +74,8 @@ def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
             value = math.nan
         if not name or not equals or not math.isfinite(value):
             raise UsageError(f"--joint takes name=value with a number in rad or m, not {text!r}.")
+        if name in values:
+            raise UsageError(f"--joint {name} is given twice, as {values[name]:g} and {value:g}.")
         values[name] = value
     return values
 

@@ -105,22 +105,11 @@ def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None
     if as_json:
         messages.answer(text)
         return
-    numbers = {
-        key: f"{value:.6f}"
-        for key, value in zip(
-            ("x", "y", "z", "qx", "qy", "qz", "qw"),
-            (*T_base_scan[:3, 3], *se3.quaternion_xyzw(T_base_scan)),
-            strict=True,
-        )
-    }
-    values = list(numbers.values())
-    lines = [
-        str(result),
-        "",
-        f"sensor in the frame of {result.base_link}: xyz {' '.join(values[:3])} m, xyzw {' '.join(values[3:])}",
-    ]
+    lines = [str(result), "", f"sensor in the frame of {result.base_link}: {se3.placement_text(T_base_scan, 6)}"]
     if out is not None:
-        placed = " ".join(f"--{key} {value}" for key, value in numbers.items())
+        numbers = (*T_base_scan[:3, 3], *se3.quaternion_xyzw(T_base_scan))
+        keys = ("x", "y", "z", "qx", "qy", "qz", "qw")
+        placed = " ".join(f"--{key} {value:.6f}" for key, value in zip(keys, numbers, strict=True))
         frames = f"--frame-id {result.base_link} --child-frame-id sensor"
         lines += [f"wrote {out}; for ROS 2:", f"ros2 run tf2_ros static_transform_publisher {placed} {frames}"]
     messages.answer("\n".join(lines))

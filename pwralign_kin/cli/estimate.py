@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Joints, Seed, Threads
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Joints, Locks, Seed, Threads
 from pwralign_kin.cli.base_options import BASE_OPTIONS, BaseOptions
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
@@ -29,18 +29,8 @@ def estimate(
     *more: Annotated[Path, Parameter(help="Further scans of the same model, sensor and base in the same places.")],
     out: Annotated[Path | None, Parameter(help="Folder for the files of the result.", group=OUTPUT)] = None,
     initial: Annotated[Path | None, Parameter(help="A state.json to start from.", group=GUESS)] = None,
-    joint: Annotated[
-        Joints,
-        Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated."),
-    ] = None,
-    lock: Annotated[
-        list[str] | None,
-        Parameter(
-            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
-            negative=(),
-            group=GUESS,
-        ),
-    ] = None,
+    joint: Joints = None,
+    lock: Locks = None,
     base_options: BaseOptions = BASE_OPTIONS,
     scan_options: ScanOptions = SCAN_OPTIONS,
     correspondences: Annotated[
@@ -49,7 +39,12 @@ def estimate(
     ] = None,
     solid: Annotated[
         bool,
-        Parameter(help="Parts that no joint connects may not be inside each other.", negative=(), group=SEARCH),
+        Parameter(
+            help="Parts that no joint connects may not be inside each other.",
+            negative=(),
+            show_default=False,
+            group=SEARCH,
+        ),
     ] = False,
     effort: EffortChoice = "default",
     seed: Seed = 0,
@@ -62,7 +57,10 @@ def estimate(
     bundle: Annotated[
         bool,
         Parameter(
-            help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.", negative=(), group=OUTPUT
+            help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.",
+            negative=(),
+            show_default=False,
+            group=OUTPUT,
         ),
     ] = False,
     threads: Threads = 0,
@@ -125,7 +123,7 @@ def estimate(
         messages.answer(_as_json(result) if json else str(result))
     if not json:
         times = _times(begun, read_all, found, time.perf_counter() if written else None)
-        messages.answer("\n".join([*(f"wrote {path}" for path in written), times]))
+        messages.answer("\n".join([*messages.wrote(written), times]))
     return messages.shared_outcome(shared) if more else messages.outcome(result.confidence, "result")
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,12 +73,19 @@ def complain(text: str, code: int) -> int:
     return code
 
 
+def wrote(paths: Iterable[Path]) -> list[str]:
+    """Return a line for each folder that files were written into."""
+    files: dict[Path, list[str]] = {}
+    for path in paths:
+        files.setdefault(path.parent, []).append(path.name)
+    return [f"wrote {folder}: {' '.join(names)}" for folder, names in files.items()]
+
+
 def outcome(confidence: float, result: str) -> int:
     """Return the exit code of a result; one of little confidence is warned about."""
     if confidence >= ENOUGH_CONFIDENCE:
         return OK
-    low = f"low confidence ({math.floor(100.0 * confidence) / 100.0:.2f}, below {ENOUGH_CONFIDENCE})"
-    say(f"{low}: look at the {result} before you use it", "warning")
+    say(f"low confidence, below {ENOUGH_CONFIDENCE}: look at the {result} before you use it", "warning")
     return LOW_CONFIDENCE
 
 

@@ -90,9 +90,11 @@ class ScanOptions:
         """Return the scan, cropped, in the unit of its file; of a depth image in m."""
         from pwralign_kin.scan import Scan
 
-        if path.suffix.lower() in (".urdf", ".xacro"):
-            raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
+        refuse_urdf(path)
         if path.suffix.lower() != ".png":
+            if self.depth != CAMERA_OPTIONS:
+                given = "--intrinsics, --depth-scale and --camera are of depth images, 16-bit PNG"
+                raise UsageError(f"{path} is no depth image: {given}.")
             scan = Scan.load(path, sensor_origin=self.sensor_origin, units="auto")
         elif self.units not in ("m", "auto"):
             raise UsageError(f"{path} is a depth image: --depth-scale says what its numbers are in, not --units.")
@@ -126,6 +128,12 @@ class ScanOptions:
 
 
 SCAN_OPTIONS = ScanOptions()
+
+
+def refuse_urdf(path: Path) -> None:
+    """Raise `UsageError` where the file of a scan is a URDF."""
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        raise UsageError(f"{path} is a URDF where a scan is expected: the URDF comes first.")
 
 
 def in_metres(scan: Scan, units: Units, diagonal: float) -> tuple[Scan, float]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Joints, Seed, Threads, Triple
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Joints, Locks, Seed, Threads, Triple
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
-from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres
+from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres, refuse_urdf
 
 if TYPE_CHECKING:
     from pwralign_kin.tracking import TrackedFrame
@@ -29,23 +29,17 @@ def track(
     mcap: Annotated[
         bool,
         Parameter(
-            help="With --out, also write joint states and TF as track.mcap (ros extra).", negative=(), group=OUTPUT
+            help="With --out, also write joint states and TF as track.mcap (ros extra).",
+            negative=(),
+            show_default=False,
+            group=OUTPUT,
         ),
     ] = False,
     initial: Annotated[
         Path | None, Parameter(help="A state.json: where the model is in the first frame.", group=GUESS)
     ] = None,
-    joint: Annotated[
-        Joints, Parameter(help="name=value, rad or m: what a joint is where the scan does not tell; may be repeated.")
-    ] = None,
-    lock: Annotated[
-        list[str] | None,
-        Parameter(
-            help="A joint that keeps its --joint or --initial value, else 0; may be repeated.",
-            negative=(),
-            group=GUESS,
-        ),
-    ] = None,
+    joint: Joints = None,
+    lock: Locks = None,
     rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.", group=SCAN)] = 30.0,
     camera: CameraOptions = CAMERA_OPTIONS,
     sensor_origin: Annotated[
@@ -71,6 +65,8 @@ def track(
     """
     if not frames:
         raise UsageError("track takes at least one frame.")
+    for path in frames:
+        refuse_urdf(path)
     if mcap and out is None:
         raise UsageError("--mcap is one of the files that --out writes: give --out.")
     values = arguments.joint_values(joint)
@@ -143,4 +139,4 @@ def _summary(tracked: Sequence[TrackedFrame], written: Sequence[Path], units: Ma
         last = tracked[-1]
         lines.append(f"last frame, at {last.time:.3f} s{' (lost)' if last.lost else ''}:")
         lines += joint_table(last.state.joints, last.std, last.undetermined, units)
-    return "\n".join([*lines, *(f"wrote {path}" for path in written)])
+    return "\n".join([*lines, *messages.wrote(written)])

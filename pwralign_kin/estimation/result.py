@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence
-from pwralign_kin.se3 import Array, quaternion_xyzw
+from pwralign_kin.se3 import Array, placement_text
 from pwralign_kin.state import State
 
 SEEN_POINTS = 15
@@ -150,15 +150,19 @@ class Estimate:
             "options": dict(self.options),
         }
 
+    def __repr__(self) -> str:
+        """Return one line: how sure the answer is, and the answer. `print` shows the table."""
+        undetermined = f"undetermined: {', '.join(self.undetermined)}; " * bool(self.undetermined)
+        others = f"alternatives: {len(self.alternatives)}; " * bool(self.alternatives)
+        return f"Estimate(confidence {self.confidence:.2f}; {undetermined}{others}{self.state!r})"
+
     def __str__(self) -> str:
         """Return a table of joints and parts, worth reading."""
-        x, y, z = self.state.T_scan_base[:3, 3]
-        quaternion = " ".join(f"{v:.4f}" for v in quaternion_xyzw(self.state.T_scan_base))
         lines = [
             f"confidence {self.confidence:.2f}   coverage {self.scan_coverage:.1%} of the scan   "
             f"support {self.model_support:.1%} of the {'visible' if self.viewpoint_known else 'whole'} model   "
-            f"inlier RMSE {1e3 * self.inlier_rmse:.2f} mm",
-            f"base link {self.state.base_link}: xyz {x:.4f} {y:.4f} {z:.4f} m, xyzw {quaternion}",
+            f"inlier RMSE {millimetres(self.inlier_rmse)}",
+            f"base link {self.state.base_link}: {placement_text(self.state.T_scan_base, 4)}",
             "",
             *joint_table(self.state.joints, self.std, self.undetermined, self.units),
         ]
@@ -166,9 +170,9 @@ class Estimate:
         lines += ["", f"{'part':{part_width}}  points  residual  support"]
         for name, part in self.parts.items():
             if np.isfinite(part.support):
-                residual = f"{1e3 * part.residual:6.2f} mm" if np.isfinite(part.residual) else "        -"
                 hardly = "" if part.seen else "  hardly seen" if part.points else "  not seen"
-                lines.append(f"{name:{part_width}}  {part.points:6d} {residual}  {part.support:6.0%}{hardly}")
+                residual = millimetres(part.residual)
+                lines.append(f"{name:{part_width}}  {part.points:6d} {residual:>9}  {part.support:6.0%}{hardly}")
         if self.alternatives:
             equal = sum(other.equal for other in self.alternatives)
             rival = f"the best of cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}"
@@ -190,6 +194,11 @@ def joint_table(
         doubt = "undetermined" if name in undetermined else f"{shown(std[name], units[name], 8, 3)}"
         lines.append(f"{name:{width}} {shown(value, units[name], 9, 2)} {doubt.rstrip()}")
     return lines
+
+
+def millimetres(length: float) -> str:
+    """Return a length (m), NaN for none, in mm."""
+    return f"{1e3 * length:.2f} mm" if np.isfinite(length) else "-"
 
 
 def shown(value: float, unit: str, width: int, digits: int) -> str:

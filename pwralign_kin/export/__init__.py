@@ -10,8 +10,7 @@ from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError
 from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
-from pwralign_kin.export.folder import atomic_folder, files_in
-from pwralign_kin.files import check_path
+from pwralign_kin.files import atomic_folder, check_path, files_in
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan

@@ -16,7 +16,6 @@ import numpy as np
 
 from pwralign_kin import files, se3
 from pwralign_kin.dependencies import rosbags
-from pwralign_kin.export.folder import atomic_folder
 from pwralign_kin.export.joints import joint_values
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
@@ -53,7 +52,7 @@ def export_track(
     Raises `ExportError` when files cannot be written, `DependencyError` for `mcap` without the ros extra.
     """
     folder = Path(folder)
-    with atomic_folder(folder) as new:
+    with files.atomic_folder(folder, optional=["track.mcap"]) as new:
         _write_joints(new / "joints.csv", track, model)
         _write_base(new / "base.tum", track, model)
         rows = [{"time": point.time, "lost": point.lost, **point.details} for point in track]

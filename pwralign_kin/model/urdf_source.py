@@ -155,7 +155,7 @@ def parse_xml(source: bytes, path: Path) -> Element:
     except etree.XMLSyntaxError as error:
         # Old URDFs hold simulator tags with undeclared prefixes: those alone are forgiven.
         if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
-            raise ModelError(path, f"not XML: {error}") from None
+            raise ModelError(path, f"not a URDF, for it is not XML: {error.msg}") from None
         root = etree.fromstring(source, parser(recover=True))
     if root.getroottree().docinfo.internalDTD is not None:
         raise ModelError(path, "declares a document type; none is read, remove it")

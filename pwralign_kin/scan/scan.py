@@ -56,7 +56,7 @@ class Scan:
     """Points of a scan in one frame, in m: finite, distinct, never changed.
 
     Attributes:
-        points: (n, 3) float64, read-only, in the order given.
+        points: (n, 3) float64, in the order given; read-only, for libraries that demand more `np.array(points)`.
         normals: (n, 3) unit normals as the source gave them, or None.
         sensor_origin: None (unknown), (3,) for one viewpoint, or (n, 3) aligned with `points` for fused
             scans; m.
@@ -119,11 +119,9 @@ class Scan:
             self._checked_origin(sensor_origin, len(given)),
             self._checked_normals(normals, len(given)),
         )
-        if any(self.dropped.values()):
-            logger.info(
-                "%s: dropped %d non-finite and %d duplicate points of %d",
-                self.source, self.dropped["non_finite"], self.dropped["duplicate"], self.n_input,
-            )  # fmt: skip
+        dropped = " and ".join(f"{count} {why.replace('_', '-')}" for why, count in self.dropped.items() if count)
+        if dropped:
+            logger.info("%s: dropped %s points of %d", self.source, dropped, self.n_input)
 
     @classmethod
     def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Units = "m") -> Scan:

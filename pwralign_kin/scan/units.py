@@ -54,7 +54,10 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
     if units == "auto":
         logger.warning("%s: %s; taken as %s", scan.source, fault, PLURALS[likely])
         return scan.scaled(METRES[likely])
-    way_out = f"if it is in {PLURALS[likely]}, use --units {likely} (units={likely!r}), else crop it (--crop)"
+    remedy = f"use --units {likely} (units={likely!r})"
+    if scan.camera is not None:
+        remedy = f"its depth scale is {METRES[likely]:g} times what it is said to be (--depth-scale)"
+    way_out = f"if it is in {PLURALS[likely]}, {remedy}, else crop it (--crop)"
     raise UnitError(scan.source, f"{fault}; {way_out}", METRES[likely])
 
 

@@ -82,22 +82,24 @@ class SimulatedScan:
     """Other copies of the model in the scene."""
 
     def save(self, folder: Path | str) -> None:
-        """Write `scan.ply`, `truth.json`, `labels.npz` and, with a guess, `guess.json` into `folder`.
+        """Write `scan.ply`, `truth.json`, `labels.npz` and, with a guess, `guess.json` into `folder`, all or none.
 
-        Each file is written whole or not at all, `truth.json` last. It is a state file with three more entries,
-        `sensor_origin` ((3,) or null, as the scan tells), `parts` (the names that the labels index) and `copies`
-        (the states of other copies of the model). `labels.npz` holds `part` (n,), `view` (n,), `view_origins` (v, 3)
-        and `copies` (c, n), the labels of the other copies. Raises `ExportError`.
+        `truth.json` is a state file with three more entries, `sensor_origin` ((3,) or null, as the scan tells), `parts`
+        (the names that the labels index) and `copies` (the states of other copies of the model). `labels.npz` holds
+        `part` (n,), `view` (n,), `view_origins` (v, 3) and `copies` (c, n), the labels of the other copies. Raises
+        `ExportError`.
         """
-        folder = Path(folder)
+        with files.atomic_folder(folder, optional=["guess.json"]) as new:
+            self._write(new)
+
+    def _write(self, folder: Path) -> None:
         origin = self.scan.sensor_origin
         seen_from = origin if origin is not None and origin.ndim == 1 else None
         write_ply(folder / "scan.ply", self.scan.points.astype(np.float32), sensor_origin=seen_from)
-        with files.atomic_write(folder / "labels.npz") as temporary:
-            copies = np.array([copy.labels for copy in self.copies], np.int64).reshape(-1, len(self.labels))
-            np.savez_compressed(
-                temporary, part=self.labels, view=self.view, view_origins=self.view_origins, copies=copies
-            )
+        copies = np.array([copy.labels for copy in self.copies], np.int64).reshape(-1, len(self.labels))
+        np.savez_compressed(
+            folder / "labels.npz", part=self.labels, view=self.view, view_origins=self.view_origins, copies=copies
+        )
         if self.guess is not None:
             self.guess.save(folder / "guess.json")
         truth = {

@@ -211,6 +211,20 @@ def test_arguments_mixed_up(arm: Path, cloud: Path, pwralign: Call) -> None:
     assert "--joint elbow=1" in pwralign("estimate", arm, cloud, "--lock", "elbow=1").error()
 
 
+def test_a_joint_with_two_values(arm: Path, cloud: Path, pwralign: Call) -> None:
+    twice = pwralign("estimate", arm, cloud, "--joint", "elbow=0.5", "--joint", "elbow=0.6")
+    assert twice.code == 2 and "elbow is given twice, as 0.5 and 0.6" in twice.error()
+
+
+@pytest.mark.parametrize("option", [("--camera", 0, 0, 1, 0, 0, 0, 1), ("--intrinsics", 500, 500, 320, 240)])
+def test_a_camera_for_a_scan_that_is_no_depth_image(
+    option: tuple[object, ...], arm: Path, cloud: Path, pwralign: Call
+) -> None:
+    for verb in ("estimate", "inspect"):
+        outcome = pwralign(verb, arm, cloud, *option)
+        assert outcome.code == 2 and "is no depth image" in outcome.err
+
+
 def test_poses_beyond_the_limits_are_not_simulated(arm: Path, tmp_path: Path, pwralign: Call) -> None:
     outcome = pwralign("simulate", arm, "--joint", "elbow=9", "--out", tmp_path / "out")
     assert outcome.code == 1 and "limits" in outcome.error() and not (tmp_path / "out").exists()
@@ -343,7 +357,7 @@ def test_usage_errors_name_the_verb(arm: Path, pwralign: Call) -> None:
 
 def test_little_confidence_is_not_rounded_up(capfd: pytest.CaptureFixture[str]) -> None:
     assert messages.outcome(0.4999, "result") == 3
-    assert "(0.49, below 0.5)" in capfd.readouterr().err
+    assert "low confidence, below 0.5: look at the result" in capfd.readouterr().err
 
 
 def test_inspect_tells_extents_with_their_unit(arm: Path, tmp_path: Path, pwralign: Call) -> None:

@@ -64,7 +64,8 @@ def test_help_and_version(pwralign: Call) -> None:
     assert all(verb in top.out for verb in VERBS)
     assert pwralign().out == top.out
     for verb in VERBS:
-        assert f"pwralign {verb}" in pwralign(verb, "--help").out
+        usage, *_ = pwralign(verb, "--help").out.splitlines()
+        assert f"pwralign {verb}" in usage and "ARGS" not in usage
 
 
 def test_the_help_of_estimate_groups_its_options_and_shows_examples(pwralign: Call) -> None:
@@ -124,6 +125,15 @@ def test_a_system_library_that_does_not_load_gets_its_install_line(
 def test_a_missing_module_gets_its_install_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(DependencyError, match="pip install open3d-cpu"):
+        dependencies.open3d()
+
+
+def test_an_interrupted_import_is_no_broken_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(module: str) -> None:
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(dependencies, "import_module", stopped)
+    with pytest.raises(KeyboardInterrupt):
         dependencies.open3d()
 
 

@@ -80,6 +80,7 @@ def test_names_that_do_not_exist_are_no_lost_model(arm: Path, scan: Path, pwrali
 def test_refusals(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     assert "at least one frame" in pwralign("track", arm).error()
     assert "--out" in pwralign("track", arm, scan, "--mcap").error()
+    assert "the URDF comes first" in pwralign("track", scan, arm).error()
     missing = pwralign("track", arm, tmp_path / "no.npy")
     assert missing.code == 1 and "no such file" in missing.error()
     assert "rate" in pwralign("track", arm, scan, "--rate", 0).error()

@@ -1,4 +1,4 @@
-"""The small arm with a sliding jaw, and scans of it."""
+"""The small arm with a sliding jaw and scans of it, and the excavator in a room."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
-from pwralign_kin.simulation import TIERS, SimulatedScan
+from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 
 GRIPPER = """  <link name="jaw">
     <visual><origin xyz="0.05 0 0.03"/><geometry><box size="0.1 0.1 0.02"/></geometry></visual>
@@ -54,3 +54,13 @@ def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 @pytest.fixture(scope="session")
 def robots_folder() -> Path:
     return Path(__file__).resolve().parents[2] / "robots"
+
+
+@pytest.fixture(scope="session")
+def excavator(robots_folder: Path) -> pk.ArticulatedModel:
+    return pk.ArticulatedModel.from_urdf(robots_folder / "excavator" / "excavator.urdf")
+
+
+@pytest.fixture(scope="session")
+def scene(excavator: pk.ArticulatedModel) -> SimulatedScan:
+    return simulate_scene(excavator, room=Room(contacts=1), seed=14)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from good_evidence import GOOD
 
 from pwralign_kin import se3
-from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.result import Estimate, PartEstimate
 from pwralign_kin.model import ArticulatedModel, articulated_model
 from pwralign_kin.render import posed_mesh
@@ -126,22 +126,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         scan_labels=labels,
         undetermined=("wrist",),
         std={name: np.inf if name == "wrist" else 1e-3 for name in model.joint_names},
-        evidence=Evidence(
-            0.0,
-            0.0,
-            uneven=1.0,
-            margin=0.1,
-            distinct=8.0,
-            told=8.0,
-            noise=0.002,
-            borne_out=0.6,
-            in_sight=0.85,
-            strange=0.0,
-            astray=0.0,
-            refuted=0.0,
-            continued=0.0,
-            points_per_part=300.0,
-        ),
+        evidence=GOOD,
         covariance=np.zeros((size, size)),
         alternatives=(),
         converged=True,

@@ -1,8 +1,7 @@
-"""The robot of boxes in a temporary folder, models from text, and the wheel example-robot-data."""
+"""The robot of boxes in a temporary folder, and models from text."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,12 +42,3 @@ def read(tmp_path: Path) -> Callable[[str], ArticulatedModel]:
         return read_quickly(path)
 
     return read
-
-
-@pytest.fixture(scope="session")
-def robot_folder() -> Path:
-    for folder in map(Path, sys.path):
-        robots = folder / "cmeel.prefix/share/example-robot-data/robots"
-        if robots.is_dir():
-            return robots
-    pytest.skip("the wheel example-robot-data is not installed")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from PIL import Image
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError, UnknownNameError
 from pwralign_kin.export import export, overlay
-from pwralign_kin.export.folder import atomic_folder
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan
@@ -210,45 +208,6 @@ def test_a_failure_leaves_the_folder_as_it_was(
     assert names(tmp_path) == {"out"}
     assert names(out) == {"state.json"}
     assert (out / "state.json").read_text() == "old"
-
-
-def _failing_at_c(move: Callable[[Path, Path], Path]) -> Callable[[Path, Path], Path]:
-    def moved(path: Path, target: Path) -> Path:
-        if Path(target).name == "c":
-            raise OSError(5, "Input/output error")
-        return move(path, target)
-
-    return moved
-
-
-def test_a_failure_while_moving_puts_old_files_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "b").write_text("old")
-    monkeypatch.setattr(Path, "replace", _failing_at_c(Path.replace))
-    with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
-        for name in "abc":
-            (new / name).write_text("new")
-    assert names(tmp_path) == {"out"}
-    assert names(tmp_path / "out") == {"b"}
-    assert (tmp_path / "out" / "b").read_text() == "old"
-
-
-def test_folders_within_move_too_and_go_again_on_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "out" / "kept").mkdir(parents=True)
-    for name in ("kept/a", "made/deep/b"):
-        with atomic_folder(tmp_path / "out") as new:
-            (new / name).parent.mkdir(parents=True)
-            (new / name).write_text("new")
-        assert (tmp_path / "out" / name).read_text() == "new"
-    monkeypatch.setattr(Path, "replace", _failing_at_c(Path.replace))
-    with pytest.raises(ExportError, match="Input/output"), atomic_folder(tmp_path / "out") as new:
-        (new / "other" / "deep").mkdir(parents=True)
-        (new / "kept").mkdir()
-        for name in ("kept/a", "kept/b", "other/b", "other/deep/c"):
-            (new / name).write_text("newer")
-    assert names(tmp_path / "out") == {"kept", "made"}
-    assert names(tmp_path / "out" / "kept") == {"a"}
-    assert (tmp_path / "out" / "kept" / "a").read_text() == "new"
 
 
 def test_targets_that_cannot_be_written_are_named(

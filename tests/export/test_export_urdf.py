@@ -150,8 +150,8 @@ def test_what_was_forgiven_on_reading_is_forgiven_on_writing(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["panda_description/urdf/panda.urdf", "xarm_description/urdf/xarm7.urdf"])
-def test_real_robots_are_placed_without_joint_gaps(robot_folder: Path, name: str, tmp_path: Path) -> None:
-    model = read_quickly(robot_folder / name)
+def test_real_robots_are_placed_without_joint_gaps(wheel_folder: Path, name: str, tmp_path: Path) -> None:
+    model = read_quickly(wheel_folder / name)
     values = np.random.default_rng(2).uniform(model.lower, model.upper)
     state = State(placement(3), dict(zip(model.joint_names, values.tolist(), strict=True)), model.root_link)
     assert_placed(model, state, tmp_path)

@@ -1,30 +1,15 @@
-"""Small URDFs written into a temporary folder, and the robots of the wheel example-robot-data."""
+"""Small URDFs written into a temporary folder, and robots of the wheel in turn."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pwralign_kin.benchmark.cases import ROBOTS
 from pwralign_kin.model import ArticulatedModel, articulated_model
-
-ROBOTS = {
-    "panda": "panda_description/urdf/panda.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
-    "allegro": "allegro_hand_description/urdf/allegro_right_hand.urdf",
-    "solo12": "solo_description/robots/solo12.urdf",
-    "tiago": "tiago_description/robots/tiago_no_hand.urdf",
-    "baxter": "baxter_description/urdf/baxter.urdf",
-    "pendulum": "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
-    "icub": "icub_description/robots/icub_reduced.urdf",
-    "go2": "go2_description/urdf/go2.urdf",
-    "twodof": "asr_twodof_description/urdf/TwoDofs.urdf",
-    "quadruped": "quadruped_description/urdf/quadruped.urdf",
-}
 
 
 @pytest.fixture(autouse=True)
@@ -63,19 +48,10 @@ def read(write_urdf: Callable[..., Path]) -> Callable[..., ArticulatedModel]:
     return read
 
 
-@pytest.fixture(scope="session")
-def robot_folder() -> Path:
-    for folder in map(Path, sys.path):
-        robots = folder / "cmeel.prefix/share/example-robot-data/robots"
-        if robots.is_dir():
-            return robots
-    pytest.skip("the wheel example-robot-data is not installed")
-
-
 @pytest.fixture(params=ROBOTS)
-def robot(request: pytest.FixtureRequest, robot_folder: Path) -> Iterator[Path]:
+def robot(request: pytest.FixtureRequest, wheel_folder: Path) -> Iterator[Path]:
     """Path of each robot's URDF in turn."""
-    return robot_folder / ROBOTS[request.param]
+    return wheel_folder / ROBOTS[request.param]
 
 
 @pytest.fixture

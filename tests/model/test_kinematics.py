@@ -184,9 +184,9 @@ def test_random_trees_hold_every_kind_of_joint(read: Callable[..., ArticulatedMo
 # ---- the rest of the kinematics
 
 
-def test_pinocchio_agrees_on_the_original_urdf(robot_folder: Path, rng: np.random.Generator) -> None:
+def test_pinocchio_agrees_on_the_original_urdf(wheel_folder: Path, rng: np.random.Generator) -> None:
     """Normalising changed nothing: Pinocchio's own reading of the original gives the same placements."""
-    model = ArticulatedModel.from_urdf(robot_folder / "ur_description/urdf/ur5_robot.urdf")
+    model = ArticulatedModel.from_urdf(wheel_folder / "ur_description/urdf/ur5_robot.urdf")
     original = pinocchio.buildModelFromUrdf(str(model.urdf_path))
     values, data = rng.uniform(model.lower, model.upper), original.createData()
     q = np.array([values[model.joint_names.index(name)] for name in list(original.names)[1:]])

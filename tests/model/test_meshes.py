@@ -324,7 +324,7 @@ def test_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Path) -> None:
         (tmp_path / "ws" / place_in / "package.xml").write_text(f"<package><name>{name}</name></package>")
     for package in ("robot", "tool", "Robot-ROS2"):
         path = write_urdf(mesh_link(f"package://{package}/meshes/wedge.stl"), f"far/{package}.urdf")
-        with pytest.raises(MissingMeshError, match="no package of the first's name"):
+        with pytest.raises(MissingMeshError, match="no package of its name"):
             ArticulatedModel.from_urdf(path)
         model = ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws"])
         assert as_trimesh(model.parts[0]).volume == pytest.approx(1)
@@ -362,7 +362,15 @@ def test_missing_meshes_are_all_named(read: Read, folder: Path) -> None:
     assert list(caught.value.meshes) == ["gone.stl", "package://lost/x.dae"]
     assert folder / "gone.stl" in caught.value.meshes["gone.stl"]
     assert "2 missing meshes: gone.stl, package://lost/x.dae" in str(caught.value)
+    assert "--package-dir" in str(caught.value)
     assert caught.value.meshes["package://lost/x.dae"] == []
+
+
+def test_packages_are_not_asked_for_where_none_is_named(read: Read, folder: Path) -> None:
+    with pytest.raises(MissingMeshError) as caught:
+        read(link("a", visual('<mesh filename="gone.stl"/>')))
+    assert str(folder / "gone.stl") in str(caught.value)
+    assert "--package-dir" not in str(caught.value)
 
 
 def test_a_mesh_missing_from_its_package(write_urdf: WriteUrdf, tmp_path: Path) -> None:

@@ -354,7 +354,8 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_not_xml(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bad.urdf"
     path.write_text(text)
-    assert faults(path)[0].startswith("not XML")
+    assert faults(path)[0].startswith("not a URDF, for it is not XML: ")
+    assert "<string>" not in faults(path)[0]
 
 
 def test_not_a_urdf(tmp_path: Path) -> None:
@@ -512,9 +513,9 @@ def test_xacro_finds_packages_of_a_workspace(write_urdf: WriteUrdf, tmp_path: Pa
     assert ArticulatedModel.from_urdf(path, package_dirs=[tmp_path / "ws2/src"]).root_link == "wrist"
 
 
-def test_every_example_robot_reads(robot_folder: Path) -> None:
+def test_every_example_robot_reads(wheel_folder: Path) -> None:
     """Of all URDFs of the wheel only an empty one and one that mimics unknown joints are refused."""
-    paths = sorted(robot_folder.rglob("*.urdf"))
+    paths = sorted(wheel_folder.rglob("*.urdf"))
     assert len(paths) > 50
     refused = {}
     for path in paths:

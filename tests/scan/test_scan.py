@@ -60,6 +60,14 @@ def test_non_finite_and_duplicate_points_are_dropped_counted_and_logged(
     assert caplog.messages == ["cloud: dropped 2 non-finite and 3 duplicate points of 50"]
 
 
+def test_only_what_is_dropped_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    points = cloud()
+    points[3] = np.nan
+    with caplog.at_level(logging.INFO, logger="pwralign_kin"):
+        Scan(points, source="cloud")
+    assert caplog.messages == ["cloud: dropped 1 non-finite points of 100"]
+
+
 def test_near_duplicates_are_kept() -> None:
     points = cloud()
     points[1] = np.nextafter(points[0], 1.0)

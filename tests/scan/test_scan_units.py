@@ -32,6 +32,14 @@ def test_millimetres_raise_and_name_the_switch(count: int, share: float) -> None
     assert caught.value.scale == 1e-3
 
 
+def test_the_scale_of_a_depth_image_in_metres_is_told() -> None:
+    image = np.full((48, 64), 900.0)
+    scan = Scan.from_depth(image, (60.0, 60.0, 31.5, 23.5))
+    with pytest.raises(UnitError, match=r"0\.001 times .*--depth-scale") as caught:
+        check_units(scan, 1.0)
+    assert "--units" not in str(caught.value)
+
+
 def test_auto_rescales_and_warns(caplog: pytest.LogCaptureFixture) -> None:
     metres = surface(DIAGONAL, 2000)
     scan = Scan(1000.0 * metres, sensor_origin=[1000.0, 0.0, 0.0])

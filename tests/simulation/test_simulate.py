@@ -278,6 +278,8 @@ def test_saved_scans_come_back(crane: ArticulatedModel, tmp_path: Path) -> None:
         assert np.array_equal(arrays["part"], simulated.labels)
         assert np.array_equal(arrays["view"], simulated.view)
     assert truth["parts"] == ["base", "tower", "boom", "hook"]
+    simulate(crane, seed=4).save(folder)
+    assert not (folder / "guess.json").exists(), "it is of another scan"
 
 
 @pytest.mark.parametrize(

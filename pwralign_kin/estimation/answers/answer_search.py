@@ -144,19 +144,20 @@ class AnswerSearch:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
         search = self.search
         start = Candidates.single(base, values)
+        if search.observation.scene:
+            return self._from_guess_in_scene(start)
         with self.watch.stage("refinement"):
             found: list[Candidates] = []
-            for sigma in WARM_SIGMAS:
-                found.append(search.scored(search.refined(start, iterations=25, sigma=sigma))[0])
-                if is_plainly_right(search, found[-1]):
-                    return found[-1]
+            for answer in self._refined_from_all_scales(start):
+                if is_plainly_right(search, answer):
+                    return answer
+                found.append(answer)
             refined = Candidates.concatenate(found).best_first()
             agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
             if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
                 return refined.take([0])
-            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong; and a scene
-            # always leaves points unexplained.
-            if not (search.observation.scene or is_explained(search, refined.take([0]))):
+            # Where only what is not seen speaks against an answer, no joint on its own is what is wrong.
+            if not is_explained(search, refined.take([0])):
                 refined = Candidates.concatenate([self._nudged(refined.take([0])), refined])
                 if is_plainly_right(search, refined.take([0])):
                     return refined.take([0])
@@ -165,11 +166,27 @@ class AnswerSearch:
             if is_plainly_right(search, first.take([0])):
                 return first
             solutions = self._widely_repaired(search, self._reinterpreted(search, first))
-        # Things may touch the model in a scene.
-        tolerated = self.options.scene_search.unexplained if search.observation.scene else UNCONVINCING
-        if search.unexplained(solutions.take([0])) > tolerated:
+        if search.unexplained(solutions.take([0])) > UNCONVINCING:
             return self._distinct([solutions, self.without_guess()])
         return solutions
+
+    def _from_guess_in_scene(self, start: Candidates) -> Candidates:
+        """Return the answers near a guess, `start`, to a scene, in which none is plainly right."""
+        search = self.search
+        with self.watch.stage("refinement"):
+            refined = Candidates.concatenate(list(self._refined_from_all_scales(start))).best_first()
+        with self.watch.stage("repair"):
+            solutions = repair(search, refined, self.repairing, turn=False)
+            if self.effort.wide_beams and self._lacking(solutions.take([0])) > WORTH_WIDE_BEAMS:
+                solutions = self._repaired_with_wide_beams(search, solutions)
+        # Things may touch the model.
+        if search.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
+            return self._distinct([solutions, self._in_scene()])
+        return solutions
+
+    def _refined_from_all_scales(self, start: Candidates) -> Iterator[Candidates]:
+        for sigma in WARM_SIGMAS:
+            yield self.search.scored(self.search.refined(start, iterations=25, sigma=sigma))[0]
 
     def _nudged(self, answer: Candidates) -> Candidates:
         """Return one answer with joints moved to where they are better, until it is plainly right or nothing gains."""
@@ -213,9 +230,7 @@ class AnswerSearch:
         return not self.effort.until_agreed and self._is_convincing(best.take([0])) and self._is_close(best.take([0]))
 
     def _is_convincing(self, best: Candidates) -> bool:
-        """Return whether an answer leaves little unexplained that parts of it lack."""
-        if self.search.observation.scene:
-            return is_convincing(self.search, best, self.options.scene_search)
+        """Return whether an answer to a scan of the model leaves little unexplained that parts of it lack."""
         # A scan that holds more than the model leaves something unexplained however good the answer.
         if self.search.is_contradicted(best):
             return False
@@ -296,7 +311,7 @@ class AnswerSearch:
             solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
             # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
             several.append(self._distinct([look.best, priced(search, search.scored(solutions)[0])]))
-            if self._is_convincing(several[-1].take([0])) or self._is_sound(several[-1]):
+            if is_convincing(search, several[-1].take([0]), options) or self._is_sound(several[-1]):
                 break
         return self._distinct(several)
 
@@ -324,7 +339,7 @@ class AnswerSearch:
             best = priced(search, search.scored(found)[0]).best_first().take([0])
             looked.append(best)
             yield _Look(focused, closely, found, best)
-            if self._is_convincing(best):
+            if is_convincing(search, best, options):
                 return
 
     def _closely(self, focused: TreeSearch) -> AnswerSearch:
@@ -341,18 +356,19 @@ class AnswerSearch:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
 
     def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        best = solutions.take([0])
-        right = self._lacking(best) <= WORTH_WIDE_BEAMS if search.observation.scene else self._is_convincing(best)
-        if right or not self.effort.wide_beams:
+        if not self.effort.wide_beams or self._is_convincing(solutions.take([0])):
             return solutions
+        return self._reinterpreted(search, self._repaired_with_wide_beams(search, solutions))
+
+    def _repaired_with_wide_beams(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         # Wide beams take their time: they are for the few solutions that are nearly right.
         few = replace(self.repairing, early_rounds=0)
-        return self._reinterpreted(search, repair(search.widened(), solutions, few, turn=False))
+        return repair(search.widened(), solutions, few, turn=False)
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
         for _ in range(REREADINGS):
-            if search.observation.scene or self._soundness(search, solutions) >= SOUND:
+            if self._soundness(search, solutions) >= SOUND:
                 break
             best = self._read_otherwise(search, solutions.take([0]))
             if best is None:
@@ -453,9 +469,8 @@ def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1
 
 
 def is_explained(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
-    """Return whether one candidate explains all points of its scan but for a few, or `doubt` times as many."""
-    if search.observation.scene:
-        return False  # what else the scene holds hides what is wrong
+    """Return whether one candidate explains all points of its scan of the model but for a few, or `doubt` times as
+    many."""
     distance, owner = search.owners(candidate, search.exists)
     if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
         return False

@@ -27,6 +27,8 @@ MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
+LEAST_ON_PLANE = 30
+"""Points that a plane holds at least."""
 
 
 @dataclass(frozen=True)
@@ -120,14 +122,12 @@ def surroundings_of(
     points, _, cell = kernels.voxel_means(raw, preparing.voxel)
     if len(points) < options.region_points:
         return found
-    area = _areas(preparation.sixth_neighbour(points, threads))
-    normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
-    tolerance = _tolerance(points, variances[:, 0], preparation.common_origin(scan, low, diagonal), options)
+    origin = preparation.common_origin(scan, low, diagonal)
+    cloud = _Cloud.of(points, _areas(preparation.sixth_neighbour(points, threads)), origin, options, threads)
     shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
     largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
-    least_spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
-    planes = _wide_planes(points, normals, area, tolerance, least_spread, options.patch_wider * largest, options)
-    found[left] = planes[cell]
+    spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
+    found[left] = _wide_planes(cloud, _Size(spread, options.patch_wider * largest), options)[cell]
     return found
 
 
@@ -175,16 +175,13 @@ def close_up(
     from free space."""
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
-    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
-    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(scene.line_gap, preparing))
-    field = _field(
-        points, normals, weights, areas, regions, scene.raw, scene.sensor_origin, preparing, options, threads
-    )
+    kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
+    field = _field(kept, _Seen(scene.raw, scene.sensor_origin, scene.line_gap), preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
         scene, points=points, normals=normals, given=scene.given[mine], given_normals=scene.given_normals[mine],
-        weights=weights, areas=areas, regions=regions, scene=False, field=field,
+        weights=kept.weights, areas=kept.areas, regions=kept.regions, scene=False, field=field,
         spacing=float(np.median(preparation.sixth_neighbour(points, threads))),
     )  # fmt: skip
 
@@ -224,16 +221,15 @@ class _Cells:
 
 def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOptions, threads: int) -> Bools:
     """Return which cells lie on planes wider than any part of the model."""
-    normals, _, variances, _ = kernels.local_planes(cells.points, options.normal_radius, threads)
     spread = max(
         float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
         for s in surfaces
         if s.exists
     )
-    least_spread = max(options.plane_wider * spread, options.plane_least)
     least_area = options.plane_area * max(s.area for s in surfaces)
-    tolerance = _tolerance(cells.points, variances[:, 0], cells.origin, options)
-    return _wide_planes(cells.points, normals, cells.areas, tolerance, least_spread, least_area, options)
+    least = _Size(max(options.plane_wider * spread, options.plane_least), least_area)
+    cloud = _Cloud.of(cells.points, cells.areas, cells.origin, options, threads)
+    return _wide_planes(cloud, least, options)
 
 
 def _observed(
@@ -251,7 +247,6 @@ def _observed(
     noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
     points = np.ascontiguousarray(cells.points[kept])
     normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
-    preparing = replace(preparing, depth_pixel=preparation.depth_pixel(gap, preparing))
     normals = preparation.oriented_normals(
         points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
     )
@@ -261,7 +256,8 @@ def _observed(
     regions, areas = region[kept].astype(np.int32), cells.areas[kept]
     other = np.where(planes[kept], options.plane_weight, options.other_weight)
     weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
-    field = _field(points, normals, weights, areas, regions, cells.raw, cells.origin, preparing, options, threads)
+    seen = _Seen(cells.raw, cells.origin, gap)
+    field = _field(_Kept(points, normals, weights, areas, regions), seen, preparing, options, threads)
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
     mine = of_model[cells.of_point]
@@ -274,31 +270,44 @@ def _observed(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """The points of a scene that are kept, as `Observation` holds them."""
+
+    points: Float
+    normals: Float
+    weights: Float
+    areas: Float
+    regions: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """All that was seen of a scene: it tells free from hidden space."""
+
+    points: Float
+    """(n, 3)"""
+    origin: Float | None
+    """(3,) where from, else None."""
+    line_gap: float
+    """`Observation.line_gap`"""
+
+
 def _field(
-    points: Float,
-    normals: Float,
-    weights: Float,
-    areas: Float,
-    regions: NDArray[np.int32],
-    seen: Float,
-    origin: Float | None,
-    preparing: ObservationOptions,
-    options: SceneOptions,
-    threads: int,
+    kept: _Kept, seen: _Seen, preparing: ObservationOptions, options: SceneOptions, threads: int
 ) -> kernels.ScanField:
-    """Return the field of the points that are kept; everything `seen` (n, 3) from `origin` tells free from hidden
-    space."""
-    cell, pixel = preparing.field_cell, preparing.depth_pixel
-    while np.prod(np.ptp(points, axis=0) / cell + 80) > LARGEST_FIELD:
+    """Return the field of the points that are kept, in what was seen."""
+    cell, pixel = preparing.field_cell, preparation.depth_pixel(seen.line_gap, preparing)
+    while np.prod(np.ptp(kept.points, axis=0) / cell + 80) > LARGEST_FIELD:
         cell *= 1.2
-    if origin is not None:
+    if seen.origin is not None:
         # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
-        searched = float(np.median(np.linalg.norm(points[regions >= 0] - origin, axis=1)))
-        pixel *= float(np.linalg.norm(seen.mean(axis=0) - origin)) / searched
+        searched = float(np.median(np.linalg.norm(kept.points[kept.regions >= 0] - seen.origin, axis=1)))
+        pixel *= float(np.linalg.norm(seen.points.mean(axis=0) - seen.origin)) / searched
     return kernels.ScanField(
-        points, normals, weights, areas, regions, cell, preparing.field_truncation,
-        [] if origin is None else [float(v) for v in origin],
-        seen if origin is not None else np.zeros((0, 3), np.float32),
+        kept.points, kept.normals, kept.weights, kept.areas, kept.regions, cell, preparing.field_truncation,
+        [] if seen.origin is None else [float(v) for v in seen.origin],
+        seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
         pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
     )  # fmt: skip
 
@@ -338,74 +347,102 @@ def _near_enough(
     return np.asarray(near)
 
 
-def _tolerance(points: Float, variance: Float, origin: Float | None, options: SceneOptions) -> Float:
-    """Return how far from a plane each point may lie and be of it."""
-    noise = _binned_median(np.sqrt(np.maximum(variance, 0)), _range_bins(points, origin, options))
-    return np.asarray(np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most))
+@dataclass(frozen=True)
+class _Cloud:
+    """Points that planes are found among."""
+
+    points: Float
+    """(n, 3)"""
+    normals: Float
+    """(n, 3), of either sign."""
+    areas: Float
+    """(n,) surface that each point stands for."""
+    tolerances: Float
+    """(n,) how far from a plane each may lie and be of it."""
+
+    @classmethod
+    def of(cls, points: Float, areas: Float, origin: Float | None, options: SceneOptions, threads: int) -> _Cloud:
+        """Take points seen from an `origin`, if one is known; the farther the noisier they may be."""
+        normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+        noise = _binned_median(np.sqrt(np.maximum(variances[:, 0], 0)), _range_bins(points, origin, options))
+        tolerances = np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most)
+        return cls(points, normals, areas, np.asarray(tolerances))
+
+    def off(self, plane: _Plane) -> Float:
+        """Return how far each point is from a plane, (n,)."""
+        return np.asarray(np.abs((self.points - plane.centre) @ plane.normal))
+
+    def along(self, plane: _Plane) -> Float:
+        """Return how much the surface at each point is turned as a plane is, (n,), 1 at most."""
+        return np.asarray(np.abs(self.normals @ plane.normal))
 
 
-def _wide_planes(
-    points: Float,
-    normals: Float,
-    area: Float,
-    tolerance: Float,
-    least_spread: float,
-    least_area: float,
-    options: SceneOptions,
-) -> Bools:
-    """Return which points lie on pieces of planes at least so wide and so large (RANSAC, by area)."""
+@dataclass(frozen=True)
+class _Plane:
+    """A plane through a point."""
+
+    centre: Float
+    """(3,)"""
+    normal: Float
+    """(3,)"""
+
+
+@dataclass(frozen=True)
+class _Size:
+    """How wide and how large a piece of a plane is at least."""
+
+    spread: float
+    """Standard deviation along its shorter axis."""
+    area: float
+
+
+def _wide_planes(cloud: _Cloud, least: _Size, options: SceneOptions) -> Bools:
+    """Return which points lie on pieces of planes of at `least` some size (RANSAC, by area)."""
+    points, normals, count = cloud.points, cloud.normals, len(cloud.points)
     random = np.random.default_rng(0)
     # Drawn by area, samples near and far count by the surface that they stand for.
-    sample = random.choice(len(points), min(options.plane_sample, len(points)), p=area / area.sum())
-    left, background = np.ones(len(points), bool), np.zeros(len(points), bool)
+    sample = random.choice(count, min(options.plane_sample, count), p=cloud.areas / cloud.areas.sum())
+    left, background = np.ones(count, bool), np.zeros(count, bool)
     for _ in range(options.planes):
         remaining = sample[left[sample]]
         if len(remaining) < 0.02 * len(sample):
             break
         seeds = random.choice(remaining, options.plane_trials)
         offset = np.einsum("ij,ij->i", points[seeds], normals[seeds])
-        on = np.abs(points[remaining] @ normals[seeds].T - offset) < tolerance[remaining, None]
+        on = np.abs(points[remaining] @ normals[seeds].T - offset) < cloud.tolerances[remaining, None]
         on &= np.abs(normals[remaining] @ normals[seeds].T) > 0.9
         best = seeds[int(np.argmax(on.sum(axis=0)))]
-        normal, centre = normals[best], points[best]
-        inliers = np.zeros(0, np.int64)
-        for _ in range(3):
-            inliers = np.flatnonzero(
-                left & (np.abs((points - centre) @ normal) < tolerance) & (np.abs(normals @ normal) > 0.85)
-            )
-            if len(inliers) < 30:
-                break
-            centre = points[inliers].mean(axis=0)
-            scatter = (points[inliers] - centre).T @ (points[inliers] - centre)
-            normal = np.linalg.eigh(scatter)[1][:, 0].astype(np.float32)
+        plane, inliers = _fitted(cloud, left, _Plane(points[best], normals[best]))
         left[best] = False
-        if len(inliers) < 30:
+        if len(inliers) < LEAST_ON_PLANE:
             continue
         left[inliers] = False
-        background |= _wide_pieces(
-            points, normals, area, tolerance, inliers, centre, normal, least_spread, least_area, options
-        )
+        background |= _wide_pieces(cloud, inliers, plane, least, options)
         left &= ~background
     return background
 
 
+def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, NDArray[np.int64]]:
+    """Fit a plane to those points that are `left` and lie on it; return it and them."""
+    inliers = np.zeros(0, np.int64)
+    for _ in range(3):
+        inliers = np.flatnonzero(left & (cloud.off(plane) < cloud.tolerances) & (cloud.along(plane) > 0.85))
+        if len(inliers) < LEAST_ON_PLANE:
+            break
+        centre = cloud.points[inliers].mean(axis=0)
+        scatter = (cloud.points[inliers] - centre).T @ (cloud.points[inliers] - centre)
+        plane = _Plane(centre, np.linalg.eigh(scatter)[1][:, 0].astype(np.float32))
+    return plane, inliers
+
+
 def _wide_pieces(
-    points: Float,
-    normals: Float,
-    area: Float,
-    tolerance: Float,
-    inliers: NDArray[np.int64],
-    centre: Float,
-    normal: Float,
-    least_spread: float,
-    least_area: float,
-    options: SceneOptions,
+    cloud: _Cloud, inliers: NDArray[np.int64], plane: _Plane, least: _Size, options: SceneOptions
 ) -> Bools:
-    """Return which points lie on the wide connected pieces of one plane."""
+    """Return which points lie on the wide connected pieces of one plane, that the `inliers` (indices) show."""
     from scipy import ndimage
 
-    axes = np.linalg.svd(normal[None].astype(float))[2][1:]
-    flat = (points - centre) @ axes.T
+    axes = np.linalg.svd(plane.normal[None].astype(float))[2][1:]
+    flat = (cloud.points - plane.centre) @ axes.T
     low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell
     at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
     shape = at[inliers].max(axis=0) + 2
@@ -416,19 +453,18 @@ def _wide_pieces(
     wide = np.zeros(count + 1, bool)
     for index in range(1, count + 1):
         own = inliers[piece == index]
-        if len(own) < 20 or area[own].sum() < least_area:
+        if len(own) < 20 or cloud.areas[own].sum() < least.area:
             continue
-        deviation = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
-        wide[index] = deviation[0] > least_spread or (
-            deviation[0] > 0.6 * least_spread and deviation[1] > 3 * least_spread
-        )
+        spread = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
+        wide[index] = spread[0] > least.spread or (spread[0] > 0.6 * least.spread and spread[1] > 3 * least.spread)
     if not wide.any():
-        return np.zeros(len(points), bool)
+        return np.zeros(len(cloud.points), bool)
     covered = ndimage.binary_dilation(wide[label], np.ones((3, 3)))
     inside = ((at >= 0) & (at < shape)).all(axis=1)
     inside[inside] = covered[tuple(at[inside].T)]
-    distance, facing = np.abs((points - centre) @ normal), np.abs(normals @ normal)
-    return np.asarray(inside & (distance < 1.5 * tolerance) & ((facing > 0.8) | (distance < 0.7 * tolerance)))
+    off = cloud.off(plane)
+    along = (cloud.along(plane) > 0.8) | (off < 0.7 * cloud.tolerances)
+    return np.asarray(inside & (off < 1.5 * cloud.tolerances) & along)
 
 
 def _regions(

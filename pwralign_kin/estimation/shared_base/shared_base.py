@@ -23,7 +23,7 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
-from pwralign_kin.estimation.result import Estimate, shown
+from pwralign_kin.estimation.result import Estimate, millimetres, shown
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
@@ -114,12 +114,15 @@ class SharedBaseEstimate:
             "estimates": each,
         }
 
+    def __repr__(self) -> str:
+        """Return one line: how sure the base is, and the base. `print` shows a line a scan."""
+        base = f"{self.base_link}: {se3.placement_text(self.T_scan_base, 4)}"
+        return f"SharedBaseEstimate({len(self.estimates)} scans, confidence {self.confidence:.2f}; {base})"
+
     def __str__(self) -> str:
         """Return the base, and a line a scan."""
-        x, y, z = self.T_scan_base[:3, 3]
-        quaternion = " ".join(f"{v:.5f}" for v in se3.quaternion_xyzw(self.T_scan_base))
         lines = [
-            f"base link {self.base_link}: xyz {x:.5f} {y:.5f} {z:.5f} m, xyzw {quaternion}",
+            f"base link {self.base_link}: {se3.placement_text(self.T_scan_base, 5)}",
             f"standard deviation {1e3 * self.translation_std:.2f} mm, {np.degrees(self.rotation_std):.3f} deg   "
             f"confidence {self.confidence:.2f}",
             "",
@@ -128,7 +131,7 @@ class SharedBaseEstimate:
         for i, e in enumerate(self.estimates):
             lines.append(
                 f"{i:4d}  {e.confidence:10.2f}  {e.scan_coverage:8.1%}  {e.model_support:7.1%}  "
-                f"{_millimetres(e.inlier_rmse)}  {', '.join(e.undetermined) or '-'}"
+                f"{millimetres(e.inlier_rmse):>11}  {', '.join(e.undetermined) or '-'}"
                 + ("  (alone it had another base)" if i in self.outvoted else "")
             )
         width = max([len("joint"), *map(len, self.estimates[0].state.joints)])
@@ -142,11 +145,6 @@ class SharedBaseEstimate:
         lines += [""] * any(self.contradicted)
         lines += self.contradicted
         return "\n".join(lines)
-
-
-def _millimetres(value: float) -> str:
-    """Return a length (m), which may be nan, in mm."""
-    return f"{1e3 * value:8.2f} mm" if np.isfinite(value) else f"{'-':>11}"
 
 
 def estimate_shared_base(

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from good_evidence import GOOD
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.evidence.confidence import confidence
@@ -14,23 +15,6 @@ from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
-
-GOOD = Evidence(
-    nearby=0.0,
-    lacking=0.0,
-    uneven=1.1,
-    margin=0.05,
-    distinct=8.0,
-    told=8.0,
-    noise=0.002,
-    borne_out=0.6,
-    in_sight=0.85,
-    strange=0.0,
-    astray=0.0,
-    refuted=0.0,
-    continued=0.0,
-    points_per_part=300.0,
-)
 
 
 def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:

@@ -1,63 +1,21 @@
-"""The model in whole scenes: what is told from it, what is searched, and that it is found."""
+"""Whole scenes made ready for the search: what is told from the model, what is searched, what a view says."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
+from searched_scenes import EVERYWHERE, observed, searched_points, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.benchmark.metrics import Ruler
-from pwralign_kin.estimation import Correspondences
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch
-from pwralign_kin.estimation.knowledge.correspondences import FpfhMatcher
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
-from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, unlike
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
-from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of
-from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.exceptions import ScanError
 from pwralign_kin.se3 import inverse, transform
-from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
+from pwralign_kin.simulation import TIERS, SimulatedScan
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
-
-EVERYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
-
-
-@pytest.fixture(scope="module")
-def excavator(robots_folder: Path) -> pk.ArticulatedModel:
-    return pk.ArticulatedModel.from_urdf(robots_folder / "excavator" / "excavator.urdf")
-
-
-@pytest.fixture(scope="module")
-def scene(excavator: pk.ArticulatedModel) -> SimulatedScan:
-    return simulate_scene(excavator, room=Room(contacts=1), seed=14)
-
-
-def observed(
-    model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, np.ndarray] = EVERYWHERE, threads: int = 2
-) -> Observation:
-    return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), threads)
-
-
-def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
-    return TreeSearch(model.kernel_model, model.surfaces, ready, model.values({}), SearchOptions(), 2)
-
-
-def true_and_moved(model: pk.ArticulatedModel, made: SimulatedScan, ready: Observation) -> Candidates:
-    """Return the truth and, beside it, the same 0.1 diagonals aside."""
-    bases = np.tile(ready.to_search(model.root_placement(made.state)), (2, 1, 1))
-    bases[1, 0, 3] += 0.1
-    return Candidates(bases, np.tile(model.values(made.state.joints), (2, 1)), np.zeros(2, np.float32))
-
-
-def searched_points(ready: Observation) -> np.ndarray:
-    return ready.points[ready.regions >= 0].astype(float) * ready.diagonal + ready.centre
 
 
 def taken_for_scene(model: pk.ArticulatedModel, scan: pk.Scan) -> bool:
@@ -119,34 +77,6 @@ def test_the_field_of_a_scene_does_not_depend_on_the_threads(
     assert np.array_equal(*scores)
 
 
-def test_scores_about_a_configuration_are_those_of_the_whole_scene(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    ready = observed(excavator, scene.scan)
-    search, candidates = searching(excavator, ready), true_and_moved(excavator, scene, ready)
-
-    about = search.about(candidates.take([0]), 0.2)
-
-    assert about.searched.sum() < 0.8 * search.searched.sum()
-    assert not (about.searched & ~search.searched).any()
-    assert about.scored(candidates)[0].scores == pytest.approx(search.scored(candidates)[0].scores, abs=0.02)
-    assert about.unexplained(candidates.take([0])) == pytest.approx(search.unexplained(candidates.take([0])))
-
-
-def test_a_configuration_with_nothing_near_it_is_compared_with_the_whole_scene(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    ready = observed(excavator, scene.scan)
-    search, candidates = searching(excavator, ready), true_and_moved(excavator, scene, ready)
-    astray = Candidates(candidates.bases[:1].copy(), candidates.values[:1], candidates.scores[:1])
-    astray.bases[0, :3, 3] += 50.0
-
-    about = search.about(astray, 0.35)
-
-    assert np.array_equal(about.searched, search.searched)
-    assert np.isfinite(about.scored(astray)[0].scores).all()
-
-
 def against(model: pk.ArticulatedModel, made: SimulatedScan, points: np.ndarray, unreturned: float) -> float:
     """Return how much of the model's surface, at the truth, a view of `points` speaks against."""
     scan, options = pk.Scan(points, sensor_origin=np.zeros(3)), SceneOptions(unreturned=unreturned)
@@ -200,24 +130,6 @@ def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     assert linked(SceneOptions()) > 1.3 * linked(SceneOptions(link_spacings=0.0))
 
 
-def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    searches = []
-    candidates = RegionSearch.candidates
-
-    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
-        searches.append(further)
-        return candidates(own, seed, outside, further=further)
-
-    monkeypatch.setattr(RegionSearch, "candidates", counted)
-    pk.estimate(excavator, scene.scan)
-    assert searches == [False]
-    monkeypatch.setattr("pwralign_kin.estimation.answers.answer_search.confidence", lambda _: 0.0)
-    pk.estimate(excavator, scene.scan)
-    assert searches == [False, False, True]
-
-
 def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_room_around_it(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
@@ -236,136 +148,6 @@ def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_ro
     raised.bases[0, :3, 3] += 0.5 * raised.bases[0, :3, 2]
     true, wrong = (closely.scored(own)[1][0] @ closely.weights for own in (candidates.take([0]), raised))
     assert true > -0.06 and wrong < 3 * true
-
-
-def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
-    astray = true_and_moved(excavator, scene, ready).take([0])
-    astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
-    answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-
-    closely = answers._closely(search.about(astray, SceneSearchOptions().focus))
-    looked = closely._found(0, closely.search, astray)
-    found = closely._narrowly_repaired(closely.search, looked, turn=True)
-
-    true = search.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
-    errors = np.linalg.norm(search.probe_positions(found) - true, axis=-1).mean(axis=1)
-    assert errors.min() < 0.01 < 0.03 < np.linalg.norm(search.probe_positions(astray) - true, axis=-1).mean()
-
-
-def test_another_search_grows_what_none_before_it_has_grown(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    search = searching(excavator, observed(excavator, scene.scan))
-    few = SceneSearchOptions(anchors=150, roots=80, grown=1, refined=40, further=1.0)
-    regions = RegionSearch(search, few, None, pairs=True, faces=FaceOptions())
-
-    sizes = []
-    for seed, further in ((0, False), (0, True), (1, True)):
-        regions.candidates(seed, Hypotheses.nothing(), further=further)
-        sizes.append(sum(len(roots.parts) for roots, _ in regions.grown.values()))
-        assert sizes[-1] == sum(len(grown) for _, grown in regions.grown.values())
-
-    assert sizes[0] == sizes[1] < sizes[2] < 2 * sizes[0]
-
-
-def test_the_model_is_found_and_its_points_are_named(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    estimate = pk.estimate(excavator, scene.scan)
-
-    ruler = Ruler(excavator)
-    assert ruler.score(ruler.reference(scene.state, scene.labels[scene.labels >= 0]), estimate.state).overlay
-    own, named = scene.labels >= 0, estimate.scan_labels >= 0
-    assert (own & named).sum() > 0.95 * own.sum()
-    assert (own & named).sum() > 0.8 * named.sum()
-
-
-def true_pairs(model: pk.ArticulatedModel, state: pk.State) -> list[np.ndarray]:
-    """Points of the surface with all joints 0, and where they are in the scan."""
-    zero = model.part_placements(np.zeros(len(model.joint_names)))
-    posed = state.T_scan_base @ model.part_placements(model.values(state.joints))
-    local = [surface.samples * model.diagonal for surface in model.surfaces]
-    return [np.concatenate([transform(T, x) for T, x in zip(at, local, strict=True)]) for at in (zero, posed)]
-
-
-@pytest.mark.parametrize("seed", [3, 8])
-def test_right_correspondences_do_no_harm(excavator: pk.ArticulatedModel, seed: int) -> None:
-    """Looks away from the model have none of their targets."""
-    made = simulate_scene(excavator, room=Room(contacts=1), seed=seed)
-    source, target = true_pairs(excavator, made.state)
-    estimate = pk.estimate(excavator, made.scan, correspondences=Correspondences(source, target, np.ones(len(source))))
-    ruler = Ruler(excavator)
-    assert ruler.score(ruler.reference(made.state, made.labels[made.labels >= 0]), estimate.state).overlay
-
-
-def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    search = searching(excavator, observed(excavator, scene.scan))
-    options = pk.EstimatorOptions(threads=2)
-    answers = AnswerSearch(excavator, search, options, None, Stopwatch())
-    regions = RegionSearch(search, options.scene_search, None, pairs=True, faces=FaceOptions())
-    candidates = regions.candidates(0, Hypotheses.nothing(), further=False)
-    assert candidates is not None
-    looked: list[Candidates] = []
-    for seed in (0, 1):
-        before = list(looked)
-        assert list(answers._looks(seed, candidates, looked))
-        leader = looked[len(before)]
-        assert len(unlike(search, leader, before, options.scene_search.apart)) == 1
-
-
-def test_correspondences_alone_find_the_model(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    rng = np.random.default_rng(0)
-    source, target = true_pairs(excavator, scene.state)
-    wrong = rng.random(len(target)) < 0.4
-    target[wrong] = rng.permutation(scene.scan.points)[: wrong.sum()]
-    alone = pk.EstimatorOptions(sources=())
-
-    estimate = pk.estimate(excavator, scene.scan, None, Correspondences(source, target, np.ones(len(source))), alone)
-
-    ruler = Ruler(excavator)
-    assert ruler.score(ruler.reference(scene.state, scene.labels[scene.labels >= 0]), estimate.state).overlay
-    with pytest.raises(CorrespondenceError):
-        pk.estimate(excavator, scene.scan, None, Correspondences(source, target + 99.0, np.ones(len(source))))
-
-
-def test_no_source_of_hypotheses_is_told(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    with pytest.raises(CorrespondenceError, match="no part could be placed"):
-        pk.estimate(excavator, scene.scan, options=pk.EstimatorOptions(sources=()))
-
-
-@pytest.mark.slow
-def test_features_are_matched_to_what_is_searched(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    ready = observed(excavator, scene.scan)
-    pairs = FpfhMatcher(samples=100).match(excavator, ready, [0, 1])
-    assert set(map(tuple, ready.scaled(pairs.target))) <= set(map(tuple, ready.scaled(searched_points(ready))))
-
-
-@pytest.mark.slow
-def test_a_point_on_one_of_two_copies_finds_that_copy(excavator: pk.ArticulatedModel) -> None:
-    scene = simulate_scene(excavator, room=Room(second_copy=True, furniture=2), seed=4)
-    (copy,) = scene.copies
-    ruler = Ruler(excavator)
-    for state, labels in ((scene.state, scene.labels), (copy.state, copy.labels)):
-        near = tuple(np.median(scene.scan.points[labels == np.bincount(labels[labels >= 0]).argmax()], axis=0))
-        estimate = pk.estimate(excavator, scene.scan, options=pk.EstimatorOptions(near=near))
-        distance = np.linalg.norm(estimate.state.T_scan_base[:3, 3] - state.T_scan_base[:3, 3])
-        assert distance < 0.05 * excavator.diagonal
-        assert ruler.score(ruler.reference(state, labels[labels >= 0]), estimate.state).recall > 0.6
-
-
-def test_millimetres_are_noticed(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    from pwralign_kin.exceptions import UnitError
-
-    with pytest.raises(UnitError):
-        pk.estimate(excavator, scene.scan.scaled(1000.0))
-
-
-def test_a_box_that_is_no_hint_of_the_scene_is_refused(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    options = replace(pk.EstimatorOptions(), region=((90.0, 90.0, 90.0), (91.0, 91.0, 91.0)))
-    with pytest.raises(ScanError):
-        pk.estimate(excavator, scene.scan, options=options)
 
 
 def test_a_patch_of_floor_that_is_left_unexplained_is_looked_at_as_surroundings(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,17 +102,11 @@ def test_numbers_of_scans_and_values_must_agree(arm: pk.ArticulatedModel, views:
 
 
 @pytest.mark.slow
-def test_the_base_repeats_on_real_frames() -> None:
-    beside = Path(__file__).resolve().parents[4] / "shared"
-    folder = Path(os.environ.get("PWRALIGN_SHARED", beside)) / "real" / "xarm7"
-    wheels = (Path(folder) / "cmeel.prefix/share/example-robot-data/robots" for folder in sys.path)
-    urdf = next((robots / XARM for robots in wheels if (robots / XARM).is_file()), None)
-    if urdf is None:
-        pytest.skip("the wheel example-robot-data is not installed")
+def test_the_base_repeats_on_real_frames(wheel_folder: Path, shared_folder: Path) -> None:
+    folder = shared_folder / "real" / "xarm7"
     if not folder.is_dir():
         pytest.skip(f"the real frames are not in {folder}")
-    share = next(parent for parent in urdf.parents if parent.name == "share")
-    model = pk.ArticulatedModel.from_urdf(urdf, package_dirs=[share])
+    model = pk.ArticulatedModel.from_urdf(wheel_folder / XARM, package_dirs=[wheel_folder.parent.parent])
     truth = json.loads((folder / "truth.json").read_text())
     names = sorted(truth)
     scans = [pk.Scan.load(folder / f"{name}_robot.ply", sensor_origin=(0, 0, 0)) for name in names]

@@ -1,0 +1,22 @@
+"""Evidence that speaks for an answer in every way."""
+
+from __future__ import annotations
+
+from pwralign_kin.estimation.evidence.evidence import Evidence
+
+GOOD = Evidence(
+    nearby=0.0,
+    lacking=0.0,
+    uneven=1.1,
+    margin=0.05,
+    distinct=8.0,
+    told=8.0,
+    noise=0.002,
+    borne_out=0.6,
+    in_sight=0.85,
+    strange=0.0,
+    astray=0.0,
+    refuted=0.0,
+    continued=0.0,
+    points_per_part=300.0,
+)
