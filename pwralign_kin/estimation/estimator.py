@@ -28,6 +28,7 @@ from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import (
     Observation,
+    edge_on,
     observe,
     seen_through,
     was_prepared,
@@ -206,7 +207,7 @@ class Estimator:
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
         hidden = seen_through(scan, self.model.diagonal)
-        if hidden < SEEN_THROUGH:
+        if hidden < SEEN_THROUGH or edge_on(scan, self.model.diagonal):
             return scan
         logger.warning(
             "%s: its sensor origin is not used: from there, %.0f%% of the points are behind others; is it in the frame "
