@@ -160,8 +160,17 @@ class Observation:
         return np.ascontiguousarray((points - self.centre) / self.diagonal, np.float32)
 
 
-def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: int) -> Observation:
-    """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
+def observe(
+    scan: Scan,
+    diagonal: float,
+    options: ObservationOptions,
+    threads: int,
+    turned: NDArray[np.bool_] | None = None,
+) -> Observation:
+    """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left.
+
+    Without a sensor origin the normals of prepared points that are to be `turned` (m,) are those of their other side.
+    """
     centre = np.array([coordinate.mean() for coordinate in scan.points.T])
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
@@ -183,6 +192,8 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     if origin is not None:
         faced = facing(points, normals, origin, options)
         points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
+    elif turned is not None:
+        normals = np.where(turned[:, None], -normals, normals)
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
     field = kernels.ScanField(
