@@ -18,7 +18,7 @@ FLAT = 0.8
 ONE_WAY = 0.4
 """... and mean of them along it from which on they face one way: openness is not of one mind about the inner side of a
 half-open lid."""
-LEAST_SHARE, LEAST_POINTS = 0.02, 15
+LEAST_SHARE, LEAST_POINTS = 0.02, 50
 """Share of all prepared points that such a part holds at least, and how many."""
 PARTS = 3
 """How many parts, those with most points first."""
