@@ -30,6 +30,8 @@ from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.se3 import Array, exp, inverse, transform
 
+FEW_POINTS = 500
+"""Points that the displacement by a probe motion is measured at."""
 ON_PART = 0.02
 """Distance (model diagonals) within which a point lies on a part."""
 NO_COST = 0.004
@@ -98,7 +100,9 @@ def _moved(solver: JointLeastSquares, solution: Solution, absent: NDArray[np.boo
     motion = probe_motion(problem, absent, solver.model.prismatic, solver.locked, joint)
     placements, twists = solver.part_twists(solution.base, solution.values)
     meshes, threads = solver.model.kernel_meshes, solver.search.threads
-    seen, part = kernels.closest_on_meshes(meshes, placements, solver.search.observation.given, ON_PART, threads)
+    given = solver.search.observation.given
+    given = np.ascontiguousarray(given[:: max(1, len(given) // FEW_POINTS)])
+    seen, part = kernels.closest_on_meshes(meshes, placements, given, ON_PART, threads)
     about = solution.base[:3, 3]
     total = 0.0
     for index in np.flatnonzero((problem.counts >= LEAST_POINTS) & ~absent):
