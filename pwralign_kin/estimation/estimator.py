@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
+from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.doubt.observability import Doubt, doubted
 from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
@@ -28,6 +29,7 @@ from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import (
     Observation,
+    edge_on,
     observe,
     seen_through,
     was_prepared,
@@ -49,8 +51,18 @@ SEEN_THROUGH = 0.25
 every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
+OTHER_SIDE = 0.02
+"""Score by which an answer must be better for the other side of a part to have been seen: 0.08 and more where it was,
+less than none where it was not."""
+OTHER_SIDES = 3
+"""How often in a row other sides are taken, at most: of one part, or of all."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
+
+
+COARSE = 0.03
+"""Step that coordinates are rounded to, model diagonals, from which a caller is told: at 0.03 all of three robots were
+found, at 0.05 with doubts, at 0.1 none."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +116,11 @@ class Estimator:
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
+        self.warn_of_rounding(scan)
         watch = Stopwatch(self.progress)
         fit = self.fit(scan, initial, correspondences, watch)
         estimate = self._finished(fit, initial)
+        fit, estimate = self._from_other_sides(fit, estimate, initial, correspondences)
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
         return self._without_sensor_origin(fit, estimate, initial, correspondences)
 
@@ -117,17 +131,19 @@ class Estimator:
         correspondences: Correspondences | None,
         watch: Stopwatch | None = None,
         surroundings: NDArray[np.bool_] | None = None,
+        turned: NDArray[np.bool_] | None = None,
     ) -> Fit:
         """Return all answers worth comparing, before the joint least squares.
 
-        Points known to be of the `surroundings` (n,) make the scan a scene.
+        Points known to be of the `surroundings` (n,) make the scan a scene. Prepared points that are `turned` (m,) are
+        taken for the other side of the surface.
         """
         watch = watch or Stopwatch(self.progress)
         scan = self._believed(scan)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = self._observe(scan, initial, surroundings)
+            observation = self._observe(scan, initial, surroundings, turned)
             search = self._search(observation, prior, lower, upper)
         answers = AnswerSearch(self.model, search, self.options, correspondences, watch)
         if initial is None:
@@ -157,6 +173,31 @@ class Estimator:
             solution, equal = self._chosen(fit, solution, initial)
         return self._judged(fit, solution), equal
 
+    def _from_other_sides(
+        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
+    ) -> tuple[Fit, Estimate]:
+        """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from
+        one side only, and return the best."""
+        observation = fit.solver.search.observation
+        if observation.scene or fit.scan.sensor_origin is not None:
+            return fit, estimate
+        first, turned = fit, np.zeros(len(observation.points), bool)
+        for _ in range(OTHER_SIDES):
+            parts = turned_over(fit.solver.search, fit.finished.take([0]))
+            several = [np.any(parts, axis=0)] if len(parts) > 1 else []
+            best = fit
+            for over in several + parts:
+                try:
+                    other = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned ^ over)
+                except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+                    continue
+                if other.finished.scores[0] > max(best.finished.scores[0], fit.finished.scores[0] + OTHER_SIDE):
+                    best, now = other, turned ^ over
+            if best is fit:
+                break
+            fit, turned = best, now
+        return (fit, estimate) if fit is first else (fit, self._finished(fit, initial))
+
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
     ) -> Estimate:
@@ -182,10 +223,25 @@ class Estimator:
             return estimate
         return max(estimate, other, key=lambda answer: soundness(answer.evidence))
 
+    def warn_of_rounding(self, scan: Scan) -> None:
+        """Log that the coordinates of a scan are too coarse for the model, and whether single precision is to blame."""
+        step = scan.rounding()
+        if step < COARSE * self.model.diagonal:
+            return
+        farthest = float(np.abs(scan.points).max())
+        cause = ""
+        if step <= np.spacing(np.float32(farthest)):
+            cause = (
+                f": single precision tells no more {farthest:.3g} m from the origin; subtract an offset before it is "
+                "stored, or store double precision"
+            )
+        share = 100.0 * step / self.model.diagonal
+        logger.warning("%s: coordinates are rounded to %.3g m, %.0f%% of the model%s", scan.source, step, share, cause)
+
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
         hidden = seen_through(scan, self.model.diagonal)
-        if hidden < SEEN_THROUGH:
+        if hidden < SEEN_THROUGH or edge_on(scan, self.model.diagonal):
             return scan
         logger.warning(
             "%s: its sensor origin is not used: from there, %.0f%% of the points are behind others; is it in the frame "
@@ -235,14 +291,20 @@ class Estimator:
             fit.watch,
         )  # fmt: skip
 
-    def _observe(self, scan: Scan, initial: State | None, surroundings: NDArray[np.bool_] | None) -> Observation:
+    def _observe(
+        self,
+        scan: Scan,
+        initial: State | None,
+        surroundings: NDArray[np.bool_] | None,
+        turned: NDArray[np.bool_] | None,
+    ) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
         self._check_hints(scan)
         if options.region is None and surroundings is None:
             if not is_scene(scan, model.diagonal, model.reach, options.scene, options.observation, self.threads):
                 near = without_far_points(scan, model.reach)
-                return observe(near, model.diagonal, options.observation, self.threads)
+                return observe(near, model.diagonal, options.observation, self.threads, turned)
             if scan.sensor_origin is None:
                 logger.info(
                     "%s: searched as a scene; its sensor origin (0 0 0 in a camera's own frame) would tell hidden from "

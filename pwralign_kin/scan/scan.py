@@ -33,6 +33,11 @@ LARGEST = float(np.finfo(np.float32).max)
 them."""
 
 
+ROUNDED_SAMPLE, LEAST_VALUES, OFF_STEP = 2000, 5, 0.01
+"""The step of rounded coordinates is told from so many points; an axis tells it with at least so many values whose
+distances are multiples of the least, up to this share of it."""
+
+
 @dataclass(frozen=True, eq=False)
 class DepthCamera:
     """The pinhole camera of a depth image. What lies outside its image was not looked at: unknown, not
@@ -209,6 +214,11 @@ class Scan:
         """Diagonal of the axis-aligned bounding box, m."""
         return float(np.linalg.norm(self.extent))
 
+    def rounding(self) -> float:
+        """Return the largest step, m, that the coordinates of an axis are rounded to, 0 where none are."""
+        sample = self.points[:: max(1, len(self.points) // ROUNDED_SAMPLE)]
+        return max(_step(np.unique(coordinate)) for coordinate in sample.T)
+
     def scaled(self, factor: float) -> Scan:
         """Return the scan with all lengths multiplied by `factor`; it loses its depth camera."""
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
@@ -306,6 +316,18 @@ class Scan:
         scan._keep(kept, points, origin, self.normals)
         scan.source_index = _frozen(self.source_index[kept])
         return scan
+
+
+def _step(values: Array) -> float:
+    """Return the least distance between sorted `values` (n,) if all others are multiples of it, else what single
+    precision tells of them if it holds them exactly, else 0."""
+    single = values.astype(np.float32)
+    exact = float(np.spacing(np.abs(single).max())) if (single == values).all() else 0.0
+    if len(values) < LEAST_VALUES:
+        return exact
+    gaps = np.diff(values)
+    multiples = gaps / gaps.min()
+    return float(gaps.min()) if (np.abs(multiples - np.round(multiples)) < OFF_STEP).all() else exact
 
 
 def _frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 from typing import Any, Literal
@@ -417,6 +418,24 @@ def test_a_right_sensor_origin_is_kept(
 ) -> None:
     assert pk.estimate(arm, single_scan.scan).viewpoint_known
     assert "sensor origin" not in caplog.text
+
+
+def test_single_precision_far_from_the_origin_is_named(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Coordinates of a map are metres, and half a metre apart where single precision holds them."""
+    far = full_scan.scan.points + np.array([4.5e5, 5.4e6, 300.0])
+    assert pk.estimate(arm, pk.Scan(far)).confidence > 0.5
+    assert "rounded" not in caplog.text
+    coarse = pk.Scan(far.astype(np.float32))
+    with contextlib.suppress(CorrespondenceError):
+        assert pk.estimate(arm, coarse).confidence < 0.5
+    assert "rounded to 0.5 m" in caplog.text
+    assert "single precision" in caplog.text
+    caplog.clear()
+    with contextlib.suppress(CorrespondenceError):
+        pk.estimate(arm, [coarse])
+    assert "single precision" in caplog.text
 
 
 def test_an_answer_stands_where_nothing_is_found_without_the_sensor_origin(

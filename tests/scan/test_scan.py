@@ -74,6 +74,22 @@ def test_near_duplicates_are_kept() -> None:
     assert len(Scan(points)) == 100
 
 
+def test_the_step_of_rounded_coordinates_is_told() -> None:
+    points = cloud(5000)
+    assert Scan(points).rounding() < 1e-6
+    assert Scan(points.astype(np.float32)).rounding() < 1e-6
+    assert Scan(np.round(points, 2)).rounding() == pytest.approx(0.01)
+    assert Scan((points + np.array([5.4e6, 0.0, 0.0])).astype(np.float32)).rounding() == 0.5
+    assert Scan((0.1 * points + np.array([5.4e6, 0.0, 0.0])).astype(np.float32)).rounding() == 0.5
+    assert Scan(points * [1.0, 1.0, 0.0]).rounding() < 1e-6
+
+
+def test_a_few_values_are_not_taken_for_rounded_ones() -> None:
+    """The corners of boxes stand a few coarse steps apart."""
+    corners = np.stack(np.meshgrid([0.0, 0.3, 0.5, 1.0], [0.0, 1.0], [0.0, 2.0]), axis=-1).reshape(-1, 3)
+    assert Scan(corners).rounding() < 1e-6
+
+
 def test_duplicates_are_found_exactly_as_by_sorting() -> None:
     lattice = np.random.default_rng(1).integers(0, 12, size=(5000, 3)) / 7.0
     scan = Scan(lattice)

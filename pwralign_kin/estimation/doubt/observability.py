@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin import kernels
 from pwralign_kin.estimation.answers.answer_search import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
 from pwralign_kin.estimation.doubt.joint_profile import profiled
 from pwralign_kin.estimation.doubt.uncertainty import (
+    LEAST_POINTS,
+    PLAIN_DISPLACEMENT,
     PROBE_SLIDE,
     PROBE_TURN,
     WEAK_DISPLACEMENT,
@@ -19,14 +22,19 @@ from pwralign_kin.estimation.doubt.uncertainty import (
     inverse_covariance,
     observed_errors,
     probe_displacements,
+    probe_motion,
     undetermined_joints,
 )
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.se3 import Array, inverse
+from pwralign_kin.se3 import Array, exp, inverse, transform
 
+FEW_POINTS = 500
+"""Points that the displacement by a probe motion is measured at."""
+ON_PART = 0.02
+"""Distance (model diagonals) within which a point lies on a part."""
 NO_COST = 0.004
 """Score that an undetermined joint may cost when it is set to its prior, ..."""
 NO_POINTS = 3.0
@@ -63,6 +71,9 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     # Points of its neighbours touch a part that the scan lacks.
     absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
     displacement = probe_displacements(solution.problem, absent, solver.model.prismatic, solver.locked)
+    nearly = undetermined_joints(displacement, solver.locked, errors, PLAIN_DISPLACEMENT)
+    for joint in np.flatnonzero(nearly & ~undetermined_joints(displacement, solver.locked, errors)):
+        displacement[joint] = min(displacement[joint], _moved(solver, solution, absent, int(joint)))
     undetermined = undetermined_joints(displacement, solver.locked, errors)
     weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
     probe = np.where(solver.model.prismatic, PROBE_SLIDE, PROBE_TURN)
@@ -83,6 +94,31 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
         solution = solved(solver.with_locked(held, values), base, values, solution.problem.blur)
     H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
     return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined, parting.covariance))
+
+
+def _moved(solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], joint: int) -> float:
+    """Return by how much (model diagonals) the probe motion of a joint takes what is seen off the model's triangles.
+
+    As in `probe_displacements`: the mean squares of all observed parts are added.
+    """
+    problem = solution.problem
+    motion = probe_motion(problem, absent, solver.model.prismatic, solver.locked, joint)
+    placements, twists = solver.part_twists(solution.base, solution.values)
+    meshes, threads = solver.model.kernel_meshes, solver.search.threads
+    given = solver.search.observation.given
+    given = np.ascontiguousarray(given[:: max(1, len(given) // FEW_POINTS)])
+    seen, part = kernels.closest_on_meshes(meshes, placements, given, ON_PART, threads)
+    about = solution.base[:3, 3]
+    total = 0.0
+    for index in np.flatnonzero((problem.counts >= LEAST_POINTS) & ~absent):
+        own = transform(exp(twists[index] @ motion), seen[part == index] - about) + about
+        if len(own) == 0:
+            continue
+        points = np.ascontiguousarray(own, np.float32)
+        closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)
+        off = np.where(near >= 0, np.linalg.norm(points - closest, axis=1), ON_PART)
+        total += float(np.square(off).mean())
+    return float(np.sqrt(total))
 
 
 def _compared(

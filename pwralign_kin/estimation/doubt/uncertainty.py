@@ -18,6 +18,8 @@ PROBE_SLIDE = 0.03
 """... or this slide (model diagonals);"""
 LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
+PLAIN_DISPLACEMENT = 0.0036
+"""From here on it is without a closer look: normals of samples of a round surface make it less round than it is."""
 WEAK_DISPLACEMENT = 0.0008
 """From here to there, it is if its other values are compared and none is as good: surfaces are rounder than they are
 told to be."""
@@ -108,17 +110,32 @@ def probe_displacements(
     scaled to mean squared displacement, the least displacement that the probe leaves is the Schur complement of its
     entry; the outline counts besides the surface, by its weight against it. Locked joints displace nothing.
     """
+    inverse = _mean_inverse(problem, absent, locked)
+    probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
+    variance = np.maximum(np.diag(inverse)[6:], 1e-18)
+    return np.where(locked, 0.0, probe / np.sqrt(variance))
+
+
+def probe_motion(
+    problem: Problem, absent: NDArray[np.bool_], slide: NDArray[np.bool_], locked: NDArray[np.bool_], joint: int
+) -> Array:
+    """Return by how much (6 + k,) base and joints move in the probe motion of one joint that displaces what is seen
+    least."""
+    column = _mean_inverse(problem, absent, locked)[:, 6 + joint]
+    return np.asarray(column / column[6 + joint] * (PROBE_SLIDE if slide[joint] else PROBE_TURN))
+
+
+def _mean_inverse(problem: Problem, absent: NDArray[np.bool_], locked: NDArray[np.bool_]) -> Array:
+    """Return the inverse (6 + k, 6 + k) of the mean squared displacement as a form of base twist and joints; zero for
+    locked joints."""
     seen, displacements = mean_information(problem, absent)
     mean_H = normal_matrix(problem.J[seen], displacements)
     # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
     mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
     free = np.concatenate([np.ones(6, bool), ~locked])
-    ridge = 1e-9 * np.eye(int(free.sum()))
-    inverse = np.linalg.inv(mean_H[np.ix_(free, free)] + ridge)
-    probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
-    displacement = np.zeros(len(locked))
-    displacement[~locked] = probe[~locked] / np.sqrt(np.maximum(np.diag(inverse)[6:], 1e-18))
-    return displacement
+    inverse = np.zeros_like(mean_H)
+    inverse[np.ix_(free, free)] = np.linalg.inv(mean_H[np.ix_(free, free)] + 1e-9 * np.eye(int(free.sum())))
+    return inverse
 
 
 def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Errors, span: Array) -> Array:

@@ -42,6 +42,9 @@ LINE_PIXEL = 0.72
 HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, LEAST_HIDING_RANGE = 20000, 0.02, 0.06, 0.2
 """Whether points hide each other is told of so many of them: those in one pixel, this wide at their median range (or at
 the last of these, if that is more), that lie so much behind the nearest. Lengths in model diagonals."""
+LEAST_GAPPED = 0.03
+"""Share of points behind a gap so deep in the depths of their pixel below which points at many depths are of surface
+that is seen edge-on: a door in line with the sensor has 0.3 of its points behind others, and 0.01 behind gaps."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
@@ -157,8 +160,17 @@ class Observation:
         return np.ascontiguousarray((points - self.centre) / self.diagonal, np.float32)
 
 
-def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: int) -> Observation:
-    """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left."""
+def observe(
+    scan: Scan,
+    diagonal: float,
+    options: ObservationOptions,
+    threads: int,
+    turned: NDArray[np.bool_] | None = None,
+) -> Observation:
+    """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left.
+
+    Without a sensor origin the normals of prepared points that are to be `turned` (m,) are those of their other side.
+    """
     centre = np.array([coordinate.mean() for coordinate in scan.points.T])
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
@@ -180,6 +192,8 @@ def observe(scan: Scan, diagonal: float, options: ObservationOptions, threads: i
     if origin is not None:
         faced = facing(points, normals, origin, options)
         points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
+    elif turned is not None:
+        normals = np.where(turned[:, None], -normals, normals)
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
     field = kernels.ScanField(
@@ -403,14 +417,33 @@ def seen_through(scan: Scan, diagonal: float) -> float:
     origin = common_origin(scan, np.zeros(3), diagonal)
     if origin is None or scan.camera is not None:
         return 0.0
+    ranges, cell = _in_pixels(scan, origin, diagonal)
+    nearest = np.full(cell.max() + 1, np.inf)
+    np.minimum.at(nearest, cell, ranges)
+    return float((ranges > nearest[cell] + HIDING_DEPTH).mean())
+
+
+def edge_on(scan: Scan, diagonal: float) -> bool:
+    """Return whether points that others hide from the sensor origin are of surface in line with it: in their pixels
+    depth follows depth without a gap."""
+    origin = common_origin(scan, np.zeros(3), diagonal)
+    if origin is None:
+        return False
+    ranges, cell = _in_pixels(scan, origin, diagonal)
+    order = np.lexsort((ranges, cell))
+    ranges, cell = ranges[order], cell[order]
+    first = np.diff(cell, prepend=-1) != 0
+    gaps = np.cumsum((np.diff(ranges, prepend=0.0) > HIDING_DEPTH) & ~first)
+    return float((gaps > gaps[first][cell]).mean()) < LEAST_GAPPED
+
+
+def _in_pixels(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, NDArray[np.int32]]:
+    """Return range and pixel of a sample of the points, seen from the `origin` (in search units)."""
     rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
     ranges = np.linalg.norm(rays, axis=1)
     pixel = HIDING_PIXEL / max(float(np.median(ranges)), LEAST_HIDING_RANGE)
     directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
-    cell = kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
-    nearest = np.full(cell.max() + 1, np.inf)
-    np.minimum.at(nearest, cell, ranges)
-    return float((ranges > nearest[cell] + HIDING_DEPTH).mean())
+    return ranges, kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
 
 
 def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:

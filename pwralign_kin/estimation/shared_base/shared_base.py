@@ -162,10 +162,11 @@ def estimate_shared_base(
     """
     if not scans:
         raise StateError("no scans were given")
-    fits = [
-        Estimator(model, own, _numbered(progress, i)).fit(scan, guess, pairs)
-        for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True))
-    ]
+    fits = []
+    for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True)):
+        estimator = Estimator(model, own, _numbered(progress, i))
+        estimator.warn_of_rounding(scan)
+        fits.append(estimator.fit(scan, guess, pairs))
     if progress is not None:
         progress("consensus")
     fits, starts, outvoted = _consensus(model, fits, options)

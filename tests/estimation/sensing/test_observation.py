@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, median, observe, seen_through
+from pwralign_kin.estimation.sensing.observation import (
+    Observation,
+    ObservationOptions,
+    edge_on,
+    median,
+    observe,
+    seen_through,
+)
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
 
@@ -94,6 +101,19 @@ def test_an_origin_is_told_that_many_points_are_hidden_from() -> None:
     assert seen_through(pk.Scan(points, sensor_origin=sensor), 1.0) > 0.3
     assert seen_through(pk.Scan(seen, sensor_origin=[0.0, 3.0, 0.0]), 1.0) > 0.25
     assert seen_through(pk.Scan(points), 1.0) == 0.0
+    assert not edge_on(pk.Scan(seen, sensor_origin=[0.0, 3.0, 0.0]), 1.0)
+
+
+def test_a_plate_in_line_with_the_sensor_does_not_contradict_its_origin() -> None:
+    """Its points are at many depths in one pixel; a second plate behind the first is at none in between."""
+    rng = np.random.default_rng(0)
+    plate = rng.uniform([-0.5, -0.4, 0.0], [0.5, 0.4, 0.005], (8000, 3))
+    sensor = [2.0, 0.0, 0.1]
+    assert seen_through(pk.Scan(plate, sensor_origin=sensor), 1.0) > 0.25
+    assert edge_on(pk.Scan(plate, sensor_origin=sensor), 1.0)
+    facing = plate[:, [2, 1, 0]]
+    two = np.concatenate([facing, facing - np.array([0.5, 0.0, 0.0])])
+    assert not edge_on(pk.Scan(two, sensor_origin=sensor), 1.0)
 
 
 def test_strays_are_dropped() -> None:
