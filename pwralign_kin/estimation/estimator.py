@@ -28,6 +28,7 @@ from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import (
     Observation,
+    is_view,
     observe,
     seen_through,
     was_prepared,
@@ -49,6 +50,9 @@ SEEN_THROUGH = 0.25
 every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
+OUTLINED = 0.06
+"""Mean displacement of the surface (model diagonals) within which an answer and what the search ended with are one, but
+for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 
@@ -108,7 +112,8 @@ class Estimator:
         fit = self.fit(scan, initial, correspondences, watch)
         estimate = self._finished(fit, initial)
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
-        return self._without_sensor_origin(fit, estimate, initial, correspondences)
+        estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
+        return self._seen_from_own_origin(fit, estimate, initial, correspondences)
 
     def fit(
         self,
@@ -216,6 +221,25 @@ class Estimator:
         )
         return other
 
+    def _seen_from_own_origin(
+        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
+    ) -> Estimate:
+        """Look again at a scan to which no answer is sound and whose sensor origin nobody told, as if it were seen from
+        the origin of its frame, where a camera puts its own, and return that answer if it is good."""
+        if fit.scan.sensor_origin is not None or soundness(estimate.evidence) >= SIGHTED:
+            return estimate
+        scan = fit.scan.with_sensor_origin(np.zeros(3))
+        if not is_view(scan) or seen_through(scan, self.model.diagonal) >= SEEN_THROUGH:
+            return estimate
+        try:
+            other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
+        except (ScanError, CorrespondenceError):  # nothing that is seen from there can be the model
+            return estimate
+        if soundness(other.evidence) < SIGHTED:
+            return estimate
+        logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
+        return other
+
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
         equal = equal_answers(self.model, fit.solver.search, solution.configuration)
@@ -226,7 +250,7 @@ class Estimator:
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
-            evidence = gathered(fit.solver.search, solution.configuration, fit.finished)
+            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
         return Judged(solution, doubt, evidence)
 
     def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:
@@ -342,3 +366,17 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
+
+
+def bearing_out(fit: Fit, solution: Solution) -> Candidates:
+    """Return the configuration by which the points bear an answer out: the solution, or what the search ended with
+    where that scores more and is the same answer but for what the outline mends.
+
+    A sensor that errs along its rays bends a whole surface away from where its outline has it.
+    """
+    search, final = fit.solver.search, solution.configuration
+    if fit.solver.silhouette is None:
+        return final
+    both = search.scored(Candidates.concatenate([final, fit.finished.take([0])]))[0].best_first()
+    same = len(search.distinct(both, len(both), OUTLINED)) == 1
+    return both.take([0]) if same else final

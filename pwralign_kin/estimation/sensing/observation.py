@@ -42,6 +42,8 @@ LINE_PIXEL = 0.72
 HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, LEAST_HIDING_RANGE = 20000, 0.02, 0.06, 0.2
 """Whether points hide each other is told of so many of them: those in one pixel, this wide at their median range (or at
 the last of these, if that is more), that lie so much behind the nearest. Lengths in model diagonals."""
+WIDEST_VIEW, OUT_OF_VIEW = float(np.radians(70.0)), 0.005
+"""Angle from the middle of what a camera sees beyond which no more than this share of its points are: strays."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
@@ -413,6 +415,15 @@ def seen_through(scan: Scan, diagonal: float) -> float:
     nearest = np.full(cell.max() + 1, np.inf)
     np.minimum.at(nearest, cell, ranges)
     return float((ranges > nearest[cell] + HIDING_DEPTH).mean())
+
+
+def is_view(scan: Scan) -> bool:
+    """Return whether the points lie within what one camera sees from the scan's sensor origin (3,)."""
+    rays = scan.points - scan.sensor_origin
+    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
+    middle = rays.mean(axis=0)
+    cosines = rays @ middle / max(float(np.linalg.norm(middle)), 1e-9)
+    return float((cosines < np.cos(WIDEST_VIEW)).mean()) < OUT_OF_VIEW
 
 
 def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:
