@@ -224,9 +224,10 @@ class Estimator:
     def _seen_from_own_origin(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
     ) -> Estimate:
-        """Look again at a scan to which no answer is sound and whose sensor origin nobody told, as if it were seen from
-        the origin of its frame, where a camera puts its own, and return that answer if it is good."""
-        if fit.scan.sensor_origin is not None or soundness(estimate.evidence) >= SIGHTED:
+        """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were
+        seen from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
+        known = fit.scan.sensor_origin is not None
+        if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
             return estimate
         scan = fit.scan.with_sensor_origin(np.zeros(3))
         if not is_view(scan) or seen_through(scan, self.model.diagonal) >= SEEN_THROUGH:
@@ -235,7 +236,7 @@ class Estimator:
             other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
         except (ScanError, CorrespondenceError):  # nothing that is seen from there can be the model
             return estimate
-        if soundness(other.evidence) < SIGHTED:
+        if soundness(other.evidence) < SIGHTED or other.confidence < estimate.confidence:
             return estimate
         logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
         return other

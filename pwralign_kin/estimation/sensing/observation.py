@@ -418,7 +418,9 @@ def seen_through(scan: Scan, diagonal: float) -> float:
 
 
 def is_view(scan: Scan) -> bool:
-    """Return whether the points lie within what one camera sees from the scan's sensor origin (3,)."""
+    """Return whether the scan has one sensor origin, and a camera there can see all points."""
+    if scan.sensor_origin is None or scan.sensor_origin.ndim != 1:
+        return False
     rays = scan.points - scan.sensor_origin
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
     middle = rays.mean(axis=0)

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, median, observe, seen_through
+from pwralign_kin.estimation.sensing.observation import (
+    Observation,
+    ObservationOptions,
+    is_view,
+    median,
+    observe,
+    seen_through,
+)
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
 
@@ -94,6 +101,14 @@ def test_an_origin_is_told_that_many_points_are_hidden_from() -> None:
     assert seen_through(pk.Scan(points, sensor_origin=sensor), 1.0) > 0.3
     assert seen_through(pk.Scan(seen, sensor_origin=[0.0, 3.0, 0.0]), 1.0) > 0.25
     assert seen_through(pk.Scan(points), 1.0) == 0.0
+
+
+def test_a_view_has_all_its_points_before_the_sensor() -> None:
+    points = sphere(4000)
+    assert is_view(pk.Scan(points, sensor_origin=[0.6, 0.0, 0.0]))
+    assert not is_view(pk.Scan(points, sensor_origin=[0.3, 0.0, 0.0]))
+    stray = np.concatenate([points, [[2.0, 0.0, 0.0]]])
+    assert is_view(pk.Scan(stray, sensor_origin=[0.6, 0.0, 0.0]))
 
 
 def test_strays_are_dropped() -> None:
