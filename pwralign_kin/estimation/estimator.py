@@ -185,7 +185,8 @@ class Estimator:
             other = self._finished(self.fit(near, initial, correspondences, fit.watch, surroundings), initial)
         except (ScanError, CorrespondenceError):  # nothing is left beside the surroundings
             return estimate
-        return max(estimate, other, key=lambda answer: soundness(answer.evidence))
+        sounder = soundness(other.evidence) > soundness(estimate.evidence)
+        return other if sounder and other.confidence >= estimate.confidence else estimate
 
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
