@@ -30,6 +30,7 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import (
     Observation,
     edge_on,
+    is_view,
     observe,
     seen_through,
     was_prepared,
@@ -56,6 +57,9 @@ OTHER_SIDE = 0.02
 less than none where it was not."""
 OTHER_SIDES = 3
 """How often in a row other sides are taken, at most: of one part, or of all."""
+OUTLINED = 0.06
+"""Mean displacement of the surface (model diagonals) within which an answer and what the search ended with are one, but
+for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 
@@ -122,7 +126,8 @@ class Estimator:
         estimate = self._finished(fit, initial)
         fit, estimate = self._from_other_sides(fit, estimate, initial, correspondences)
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
-        return self._without_sensor_origin(fit, estimate, initial, correspondences)
+        estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
+        return self._seen_from_own_origin(fit, estimate, initial, correspondences)
 
     def fit(
         self,
@@ -221,7 +226,8 @@ class Estimator:
             other = self._finished(self.fit(near, initial, correspondences, fit.watch, surroundings), initial)
         except (ScanError, CorrespondenceError):  # nothing is left beside the surroundings
             return estimate
-        return max(estimate, other, key=lambda answer: soundness(answer.evidence))
+        sounder = soundness(other.evidence) > soundness(estimate.evidence)
+        return other if sounder and other.confidence >= estimate.confidence else estimate
 
     def warn_of_rounding(self, scan: Scan) -> None:
         """Log that the coordinates of a scan are too coarse for the model, and whether single precision is to blame."""
@@ -272,6 +278,26 @@ class Estimator:
         )
         return other
 
+    def _seen_from_own_origin(
+        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
+    ) -> Estimate:
+        """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were
+        seen from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
+        known = fit.scan.sensor_origin is not None
+        if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
+            return estimate
+        scan = fit.scan.with_sensor_origin(np.zeros(3))
+        if not is_view(scan) or seen_through(scan, self.model.diagonal) >= SEEN_THROUGH:
+            return estimate
+        try:
+            other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
+        except (ScanError, CorrespondenceError):  # nothing that is seen from there can be the model
+            return estimate
+        if soundness(other.evidence) < SIGHTED or other.confidence < estimate.confidence:
+            return estimate
+        logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
+        return other
+
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
         equal = equal_answers(self.model, fit.solver.search, solution.configuration)
@@ -282,7 +308,7 @@ class Estimator:
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
-            evidence = gathered(fit.solver.search, solution.configuration, fit.finished)
+            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
         return Judged(solution, doubt, evidence)
 
     def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:
@@ -404,3 +430,17 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
+
+
+def bearing_out(fit: Fit, solution: Solution) -> Candidates:
+    """Return the configuration by which the points bear an answer out: the solution, or what the search ended with
+    where that scores more and is the same answer but for what the outline mends.
+
+    A sensor that errs along its rays bends a whole surface away from where its outline has it.
+    """
+    search, final = fit.solver.search, solution.configuration
+    if fit.solver.silhouette is None:
+        return final
+    both = search.scored(Candidates.concatenate([final, fit.finished.take([0])]))[0].best_first()
+    same = len(search.distinct(both, len(both), OUTLINED)) == 1
+    return both.take([0]) if same else final

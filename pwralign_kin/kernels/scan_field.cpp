@@ -104,6 +104,22 @@ void ScanField::splat(float truncation, int threads) {
     });
 }
 
+namespace {
+// Which pixels are in the picture: between two that are not empty, in their row or in their column.
+std::vector<char> pictured(const std::vector<float> &depth, int width, int height, float empty) {
+    std::vector<char> out(depth.size(), 0);
+    auto fill = [&](int64_t first, int64_t step, int count) {
+        int low = 0, high = count - 1;
+        while (low < count && depth[first + low * step] >= empty) ++low;
+        while (high > low && depth[first + high * step] >= empty) --high;
+        for (int i = low; i <= high; ++i) out[first + i * step] = 1;
+    };
+    for (int y = 0; y < height; ++y) fill(int64_t(y) * width, 1, width);
+    for (int x = 0; x < width; ++x) fill(x, width, height);
+    return out;
+}
+} // namespace
+
 void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
     // A depth image from the sensor origin towards the cloud; its pixels are as wide as `pixel` at the mean range.
     double mean[3] = {0, 0, 0};
@@ -143,6 +159,14 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
                 d = std::min(d, z);
             }
     }
+    // Of what lies out of the picture a whole scene tells nothing: it is as if it were hidden right at the sensor.
+    const bool told = unreturned == 1;
+    if (!told) {
+        const std::vector<char> in_picture = pictured(depth, width, height, silence);
+        for (size_t at = 0; at < depth.size(); ++at)
+            if (!in_picture[at]) depth[at] = 0;
+    }
+    const IntLanes beside = IntLanes{} + (told ? silent : occluded);
     parallel_for(nx, threads, [&](int64_t i) {
         for (int j = 0; j < ny; ++j) {
             const Vec start = Vec{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z} - sensor;
@@ -160,7 +184,8 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
                 FloatLanes surface{};
                 for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
                 const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
-                const IntLanes state = answered ? (behind ? IntLanes{} + occluded : IntLanes{} + free) : IntLanes{} + silent;
+                const IntLanes seen = behind ? IntLanes{} + occluded : IntLanes{} + free;
+                const IntLanes state = answered ? seen : inside ? IntLanes{} + silent : beside;
                 // One by one at the end of the row: what follows may be another thread's.
                 if (k + lane_count <= nz) store_lanes(load_lanes(&row[k]) | state, &row[k]);
                 else

@@ -228,6 +228,10 @@ class Scan:
         """Return the scan without saying where it was seen from; it loses its depth camera."""
         return self._derived(np.arange(len(self.points)), self.points, None)
 
+    def with_sensor_origin(self, origin: Array) -> Scan:
+        """Return the scan as seen from `origin` (3,), m, scan frame."""
+        return self._derived(np.arange(len(self.points)), self.points, origin)
+
     def cropped(self, lower: ArrayLike, upper: ArrayLike) -> Scan:
         """Return the points within the axis-aligned box from `lower` (3,) to `upper` (3,), m, scan frame.
 

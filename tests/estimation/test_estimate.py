@@ -438,6 +438,26 @@ def test_single_precision_far_from_the_origin_is_named(
     assert "single precision" in caplog.text
 
 
+@pytest.mark.parametrize("own_frame", [True, False])
+def test_an_untold_sensor_origin_is_that_of_a_cameras_own_frame(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, own_frame: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan, without_guess = single_scan.scan, AnswerSearch.without_guess
+    assert scan.sensor_origin is not None
+
+    def misled(search: AnswerSearch) -> Candidates:
+        found = without_guess(search)
+        if not search.search.observation.single_view:
+            found.bases[:, :3, 3] += 0.3
+        return found
+
+    monkeypatch.setattr(AnswerSearch, "without_guess", misled)
+    origin = scan.sensor_origin if own_frame else scan.points.mean(axis=0)
+    estimate = pk.estimate(arm, pk.Scan(scan.points - origin))
+    assert estimate.viewpoint_known == own_frame
+    assert (worst_joint(arm, estimate, single_scan.state) < 0.02) == own_frame
+
+
 def test_an_answer_stands_where_nothing_is_found_without_the_sensor_origin(
     arm: pk.ArticulatedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -256,3 +256,10 @@ def test_malformed_depth_raises(change: dict[str, object], fault: str) -> None:
 def test_a_camera_placement_that_is_not_rigid_raises() -> None:
     with pytest.raises(StateError, match="T_scan_camera"):
         Scan.from_depth(np.ones((40, 50)), (FX, FY, CX, CY), np.diag([2.0, 1.0, 1.0, 1.0]))
+
+
+def test_a_scan_can_be_said_to_be_seen_from_somewhere() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    scan = Scan(points).with_sensor_origin(np.array([0.0, 0.0, 5.0]))
+    assert np.array_equal(np.asarray(scan.sensor_origin), [0.0, 0.0, 5.0])
+    assert np.array_equal(scan.points, points)

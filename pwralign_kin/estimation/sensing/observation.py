@@ -45,6 +45,8 @@ the last of these, if that is more), that lie so much behind the nearest. Length
 LEAST_GAPPED = 0.03
 """Share of points behind a gap so deep in the depths of their pixel below which points at many depths are of surface
 that is seen edge-on: a door in line with the sensor has 0.3 of its points behind others, and 0.01 behind gaps."""
+WIDEST_VIEW, OUT_OF_VIEW = float(np.radians(70.0)), 0.005
+"""Angle from the middle of what a camera sees beyond which no more than this share of its points are: strays."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
@@ -444,6 +446,17 @@ def _in_pixels(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, NDArr
     pixel = HIDING_PIXEL / max(float(np.median(ranges)), LEAST_HIDING_RANGE)
     directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
     return ranges, kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
+
+
+def is_view(scan: Scan) -> bool:
+    """Return whether the scan has one sensor origin, and a camera there can see all points."""
+    if scan.sensor_origin is None or scan.sensor_origin.ndim != 1:
+        return False
+    rays = scan.points - scan.sensor_origin
+    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
+    middle = rays.mean(axis=0)
+    cosines = rays @ middle / max(float(np.linalg.norm(middle)), 1e-9)
+    return float((cosines < np.cos(WIDEST_VIEW)).mean()) < OUT_OF_VIEW
 
 
 def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:

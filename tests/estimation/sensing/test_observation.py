@@ -10,6 +10,7 @@ from pwralign_kin.estimation.sensing.observation import (
     Observation,
     ObservationOptions,
     edge_on,
+    is_view,
     median,
     observe,
     seen_through,
@@ -114,6 +115,14 @@ def test_a_plate_in_line_with_the_sensor_does_not_contradict_its_origin() -> Non
     facing = plate[:, [2, 1, 0]]
     two = np.concatenate([facing, facing - np.array([0.5, 0.0, 0.0])])
     assert not edge_on(pk.Scan(two, sensor_origin=sensor), 1.0)
+
+
+def test_a_view_has_all_its_points_before_the_sensor() -> None:
+    points = sphere(4000)
+    assert is_view(pk.Scan(points, sensor_origin=[0.6, 0.0, 0.0]))
+    assert not is_view(pk.Scan(points, sensor_origin=[0.3, 0.0, 0.0]))
+    stray = np.concatenate([points, [[2.0, 0.0, 0.0]]])
+    assert is_view(pk.Scan(stray, sensor_origin=[0.6, 0.0, 0.0]))
 
 
 def test_strays_are_dropped() -> None:
