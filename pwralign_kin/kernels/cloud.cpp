@@ -100,6 +100,33 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
     return out;
 }
 
+std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t count, float radius, int threads) {
+    const Cells cells(points, count, radius);
+    std::vector<Vec> apparent(count);
+    const int64_t block = 256;
+    parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
+        for (int64_t i = b * block; i < std::min(count, (b + 1) * block); ++i) {
+            int n = 0;
+            double s[3] = {}, products[6] = {}, C[6];
+            cells.visit(points[i], radius, [&](int other, float) {
+                if (dot(normals[other], normals[i]) <= 0) return;
+                const Vec d = points[other] - points[i];
+                const float v[3] = {d.x, d.y, d.z};
+                ++n;
+                for (int a = 0, k = 0; a < 3; ++a) {
+                    s[a] += v[a];
+                    for (int c = a; c < 3; ++c) products[k++] += double(v[a]) * v[c];
+                }
+            });
+            for (int a = 0, k = 0; a < 3; ++a)
+                for (int c = a; c < 3; ++c, ++k) C[k] = products[k] / n - s[a] / n * s[c] / n;
+            const Vec plane = n < 4 ? normals[i] : least_eigenvector(C, eigenvalues(C)[0]);
+            apparent[i] = dot(plane, normals[i]) < 0 ? -1.f * plane : plane;
+        }
+    });
+    return apparent;
+}
+
 std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads) {
     Vec low = points[0], high = points[0];
     for (int64_t i = 0; i < count; ++i) {
