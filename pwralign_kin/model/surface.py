@@ -41,7 +41,8 @@ DIRECTIONS = 14
 SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
 LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
 FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face
-LEAST_WEIGHT = 0.02  # small parts count at least this share
+LEAST_WEIGHT = 0.02  # small parts count at least this share, ...
+SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than this: a hand of many parts is still a hand
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def prepare_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
 def part_weights(surfaces: Sequence[Surface]) -> Float:
     """Return the weight (n,) of every part in the score: its share of the visible area, but never negligible."""
     areas = np.array([s.area for s in surfaces])
-    weights = np.maximum(areas / areas.sum(), LEAST_WEIGHT) * [s.exists for s in surfaces]
+    exists = np.array([s.exists for s in surfaces])
+    weights = np.maximum(areas / areas.sum(), min(LEAST_WEIGHT, SMALL_PARTS_WEIGHT / exists.sum())) * exists
     return np.asarray(weights / weights.sum(), np.float32)
 
 
