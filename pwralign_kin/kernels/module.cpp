@@ -542,7 +542,7 @@ void bind_search(nb::module_ &m) {
             std::vector<float> cosines(count, 0.f);
             for (size_t i = 0; i < count; ++i)
                 if (const int p = part.data()[i]; p >= 0)
-                    cosines[i] = dot(rotate(F.at(p), self.model.surface[p].apparent.at(sample.data()[i])), vectors(normals)[i]);
+                    cosines[i] = dot(rotate(F.at(p), self.model.surface[p].dense.at(sample.data()[i]).n), vectors(normals)[i]);
             return to_numpy(std::move(cosines));
         }, "normals"_a, "placements"_a, "part"_a, "sample"_a)
         .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
