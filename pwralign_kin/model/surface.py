@@ -164,8 +164,8 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernel
         cell, spacing, radius, size, area = map(float, surface.scalars)
         native.set_surface(
             i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals,
-            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing, _triple(surface.centre), radius, size, area,
-            float(weight),
+            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing, _triple(surface.centre),
+            radius, size, area, float(weight),
         )  # fmt: skip
     return native
 

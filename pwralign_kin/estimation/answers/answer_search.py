@@ -286,7 +286,7 @@ class AnswerSearch:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
         one answer is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds))
+        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds), early_rounds=0)
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(search, candidates)])
