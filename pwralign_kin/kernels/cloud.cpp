@@ -101,6 +101,7 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
 }
 
 std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t count, float radius, int threads) {
+    constexpr float turned = .1f; // cosine: faces at right angles are not mixed
     const Cells cells(points, count, radius);
     std::vector<Vec> apparent(count);
     const int64_t block = 256;
@@ -109,7 +110,7 @@ std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t
             int n = 0;
             double s[3] = {}, products[6] = {}, C[6];
             cells.visit(points[i], radius, [&](int other, float) {
-                if (dot(normals[other], normals[i]) <= 0) return;
+                if (dot(normals[other], normals[i]) < turned) return;
                 const Vec d = points[other] - points[i];
                 const float v[3] = {d.x, d.y, d.z};
                 ++n;

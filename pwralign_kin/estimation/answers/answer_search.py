@@ -15,7 +15,7 @@ from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.continuation import priced
+from pwralign_kin.estimation.search.continuation import best_priced, priced
 from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.search.repair import repair
@@ -321,7 +321,7 @@ class AnswerSearch:
                 continue  # nothing is near it
             closely = self._closely(focused)
             found = closely._found(seed, closely.search, leader)
-            best = priced(search, search.scored(found)[0]).best_first().take([0])
+            best = best_priced(search, search.scored(found)[0])
             looked.append(best)
             yield _Look(focused, closely, found, best)
             if self._is_convincing(best):
