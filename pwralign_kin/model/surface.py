@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float32]
 
-VERSION = 8  # part of the cache key: raise it when the preparation changes
+VERSION = 11  # part of the cache key: raise it when the preparation changes
 COARSE_SAMPLES = 160
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800

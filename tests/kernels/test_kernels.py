@@ -158,6 +158,15 @@ def test_apparent_normals_keep_the_two_faces_of_a_plate_apart() -> None:
     np.testing.assert_array_equal(kernels.apparent_normals(points[:1], normals[:1], 0.1, 1), normals[:1])
 
 
+def test_apparent_normals_of_what_is_no_surface_keep_to_their_side() -> None:
+    rng = np.random.default_rng(10)
+    points = rng.random((500, 3)).astype(np.float32)
+    normals = np.float32([0, 0, 1]) * rng.choice([-1, 1], (500, 1)).astype(np.float32)
+    apparent = kernels.apparent_normals(points, normals, 0.2, 1)
+    np.testing.assert_allclose(np.linalg.norm(apparent, axis=1), 1.0, atol=1e-5)
+    assert (np.einsum("ij,ij->i", apparent, normals) > 0).all()
+
+
 def test_openness_tells_the_outside_of_a_sphere() -> None:
     rng = np.random.default_rng(4)
     outward = rng.normal(size=(4000, 3))
