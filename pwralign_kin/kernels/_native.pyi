@@ -21,6 +21,9 @@ def along_curve(points: NDArray[np.float32]) -> NDArray[np.int32]: ...
 def local_planes(
     points: NDArray[np.float32], radius: float, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]: ...
+def apparent_normals(
+    points: NDArray[np.float32], normals: NDArray[np.float32], radius: float, threads: int
+) -> NDArray[np.float32]: ...
 def nearest_neighbours(
     points: NDArray[np.float32], queries: NDArray[np.float32], count: int, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
@@ -67,6 +70,7 @@ class Articulated:
         weights: NDArray[np.float32],
         dense: NDArray[np.float32],
         dense_normals: NDArray[np.float32],
+        apparent_normals: NDArray[np.float32],
         grid: NDArray[np.uint16],
         origin: tuple[float, float, float],
         cell: float,

@@ -33,6 +33,7 @@ struct Surface {
     std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
     std::vector<OrientedPoint> dense;          // samples that the grid refers to, ...
     OrientedRows dense_rows;                   // ... and once more, for several at a time
+    std::vector<Vec> apparent;                 // their normals as a scan tells them
     std::vector<uint16_t> grid;                // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
     float inverse = 1;                         // of the size of a cell

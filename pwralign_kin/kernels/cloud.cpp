@@ -1,5 +1,6 @@
 #include "cloud.hpp"
 #include "cells.hpp"
+#include "scan_field.hpp"
 #include "lanes.hpp"
 #include "parallel.hpp"
 #include <array>
@@ -108,6 +109,59 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
     return out;
 }
 
+// `count` unit vectors: a spherical Fibonacci set, spread evenly over the sphere, the same for every cloud.
+static std::vector<Vec> even_directions(int count) {
+    std::vector<Vec> directions(count);
+    for (int k = 0; k < count; ++k) {
+        const float z = 1 - 2 * (k + .5f) / count, r = std::sqrt(1 - z * z), a = 2.39996323f * k;
+        directions[k] = {r * std::cos(a), r * std::sin(a), z};
+    }
+    return directions;
+}
+
+// The plane of those of `around` that face a sensor in direction `view`, the first of them among them.
+static Vec plane_seen(const std::vector<OrientedPoint> &around, Vec view) {
+    int n = 0;
+    double s[3] = {}, products[6] = {}, C[6];
+    for (const OrientedPoint &o : around) {
+        if (dot(o.n, view) <= 0) continue;
+        const Vec d = o.p - around[0].p;
+        const float v[3] = {d.x, d.y, d.z};
+        ++n;
+        for (int a = 0, k = 0; a < 3; ++a) {
+            s[a] += v[a];
+            for (int c = a; c < 3; ++c) products[k++] += double(v[a]) * v[c];
+        }
+    }
+    for (int a = 0, k = 0; a < 3; ++a)
+        for (int c = a; c < 3; ++c, ++k) C[k] = products[k] / n - s[a] / n * s[c] / n;
+    const Vec plane = n < 4 ? around[0].n : least_eigenvector(C, eigenvalues(C)[0]);
+    return dot(plane, around[0].n) < 0 ? -1.f * plane : plane;
+}
+
+std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t count, float radius, int threads) {
+    constexpr float least_cosine = .25f; // at smaller ones hardly anything is seen
+    const std::vector<Vec> views = even_directions(14);
+    const Cells cells(points, count, radius);
+    std::vector<Vec> apparent(count);
+    const int64_t block = 256;
+    parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
+        std::vector<OrientedPoint> around;
+        for (int64_t i = b * block; i < std::min(count, (b + 1) * block); ++i) {
+            around.assign(1, {points[i], normals[i]});
+            cells.visit(points[i], radius, [&](int other, float) {
+                if (other != i) around.push_back({points[other], normals[other]});
+            });
+            Vec sum = plane_seen(around, normals[i]);
+            for (const Vec view : views)
+                if (dot(view, normals[i]) > least_cosine) sum = sum + plane_seen(around, view);
+            // Where all planes are at right angles to it, none says which way the surface faces.
+            apparent[i] = norm(sum) > .1f ? (1 / norm(sum)) * sum : normals[i];
+        }
+    });
+    return apparent;
+}
+
 std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count, float cell, int threads) {
     Vec low = points[0], high = points[0];
     for (int64_t i = 0; i < count; ++i) {
@@ -123,12 +177,7 @@ std::vector<float> openness(const Vec *points, const Vec *normals, int64_t count
         const Vec p = inverse * (points[i] - origin);
         occupied[(int64_t(p.x) * ny + int64_t(p.y)) * nz + int64_t(p.z)] = 1;
     }
-    // A spherical Fibonacci set: directions spread evenly, the same for every cloud.
-    std::vector<Vec> directions(40);
-    for (size_t k = 0; k < directions.size(); ++k) {
-        const float z = 1 - 2 * (k + .5f) / directions.size(), r = std::sqrt(1 - z * z), a = 2.39996323f * k;
-        directions[k] = {r * std::cos(a), r * std::sin(a), z};
-    }
+    const std::vector<Vec> directions = even_directions(40);
     std::vector<float> out(count, 0.f);
     const int64_t block = 256;
     parallel_for((count + block - 1) / block, threads, [&](int64_t b) {

@@ -19,6 +19,10 @@ struct LocalPlanes {
 };
 LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int threads);
 
+// The normals of an oriented surface as scans tell them, whose local planes mix all that faces the sensor within
+// `radius`: the mean over sensors all around.
+std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t count, float radius, int threads);
+
 // The `each` nearest of some points to every query, nearest first.
 struct Neighbours {
     int each = 0;

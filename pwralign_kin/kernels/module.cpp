@@ -165,6 +165,16 @@ void bind_clouds(nb::module_ &m) {
         }
         return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(planes.variances), to_numpy(std::move(planes.neighbours)));
     }, "points"_a, "radius"_a, "threads"_a);
+    m.def("apparent_normals", [](Points points, Points normals, float radius, int threads) {
+        require_cells(points, radius);
+        require(normals.shape(0) == points.shape(0), "one normal per point is needed");
+        std::vector<Vec> apparent;
+        {
+            nb::gil_scoped_release release;
+            apparent = apparent_normals(vectors(points), vectors(normals), points.shape(0), radius, threads);
+        }
+        return to_numpy(apparent);
+    }, "points"_a, "normals"_a, "radius"_a, "threads"_a);
     m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
         Neighbours near;
         {
@@ -234,15 +244,16 @@ void bind_model(nb::module_ &m) {
             self->wraps.assign(wraps.data(), wraps.data() + k);
             self->surface.resize(n);
         }, "parent"_a, "actuated"_a, "placement"_a, "axis"_a, "prismatic"_a, "multiplier"_a, "offset"_a, "lower"_a, "upper"_a, "wraps"_a)
-        .def("set_surface", [](Articulated &self, int part, Points samples, Points normals, Floats weights, Points dense, Points dense_normals, In<uint16_t, nb::shape<-1, -1, -1>> grid, std::tuple<float, float, float> origin, float cell, float slack, std::tuple<float, float, float> centre, float radius, float size, float area, float weight) {
+        .def("set_surface", [](Articulated &self, int part, Points samples, Points normals, Floats weights, Points dense, Points dense_normals, Points apparent_normals, In<uint16_t, nb::shape<-1, -1, -1>> grid, std::tuple<float, float, float> origin, float cell, float slack, std::tuple<float, float, float> centre, float radius, float size, float area, float weight) {
             require(part >= 0 && part < self.parts, "no such part");
-            require(normals.shape(0) == samples.shape(0) && weights.shape(0) == samples.shape(0) && dense.shape(0) == dense_normals.shape(0), "samples, normals and weights differ in length");
+            require(normals.shape(0) == samples.shape(0) && weights.shape(0) == samples.shape(0) && dense.shape(0) == dense_normals.shape(0) && dense.shape(0) == apparent_normals.shape(0), "samples, normals and weights differ in length");
             for (size_t i = 0; i < grid.size(); ++i) require(grid.data()[i] == none || grid.data()[i] < dense.shape(0), "the grid names a sample that does not exist");
             Surface s;
             s.exists = samples.shape(0) > 0;
             s.p = copied(samples), s.n = copied(normals);
             s.w.assign(weights.data(), weights.data() + weights.shape(0));
             for (size_t i = 0; i < dense.shape(0); ++i) s.dense.push_back({vectors(dense)[i], vectors(dense_normals)[i]});
+            s.apparent = copied(apparent_normals);
             s.grid.assign(grid.data(), grid.data() + grid.size());
             for (int i = 0; i < 3; ++i) s.dims[i] = int(grid.shape(i));
             s.grid_origin = {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)};
@@ -250,7 +261,7 @@ void bind_model(nb::module_ &m) {
             s.inverse = 1 / cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
             self.finish(s);
             self.surface[part] = std::move(s);
-        }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)
+        }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "apparent_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)
         .def("restricted", [](const Articulated &self, Doubles lower, Doubles upper) {
             require(int(lower.shape(0)) == self.joints && int(upper.shape(0)) == self.joints, "one bound per joint is needed");
             Articulated copy = self;

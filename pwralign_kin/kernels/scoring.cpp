@@ -68,7 +68,7 @@ float Search::gain(int point, int part, int sample, float from_part, const std::
     const float weight = field.weight[point] * field.area[point], lost = options.normal_penalty;
     if (part < 0) return 0;
     if (from_part >= distance) return field.region[point] >= 0 ? -options.near_penalty * weight : 0.f;
-    const Vec n = rotate(T[part], model.surface[part].dense[sample].n);
+    const Vec n = rotate(T[part], model.surface[part].apparent[sample]);
     const float share = from_part / distance;
     return weight * (1 - share * share) * (1 - lost + lost * std::abs(dot(n, field.points[point].n)));
 }

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float32]
 
-VERSION = 6  # part of the cache key: raise it when the preparation changes
+VERSION = 11  # part of the cache key: raise it when the preparation changes
 COARSE_SAMPLES = 160
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
 MOST_DENSE_SAMPLES = 30000
+NORMAL_RADIUS = 0.025  # about that of the neighbourhoods that normals of scans are of
 GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
 GRID_BAND = 0.07
 CONFIGURATIONS = 12
@@ -40,7 +41,8 @@ DIRECTIONS = 14
 SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
 LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
 FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face
-LEAST_WEIGHT = 0.02  # small parts count at least this share
+LEAST_WEIGHT = 0.02  # small parts count at least this share, ...
+SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than this: a hand of many parts is still a hand
 
 
 @dataclass(frozen=True)
@@ -50,13 +52,15 @@ class Surface:
     samples: Float
     """(m, 3) coarse samples in farthest-point order, so that any prefix is a coarse set; empty: no surface."""
     normals: Float
-    """(m, 3) outward unit normals of the coarse samples."""
+    """(m, 3) outward unit normals of the coarse samples, as scans tell them."""
     weights: Float
     """(m,) share of the visible surface that each coarse sample stands for, weighted by how often it is seen."""
     dense: Float
     """(d, 3) samples for closest-point queries."""
     dense_normals: Float
     """(d, 3) outward unit normals of the dense samples."""
+    apparent_normals: Float
+    """(d, 3) the same as scans tell them, whose normals are of neighbourhoods and mix the faces of what is fine."""
     grid: NDArray[np.uint16]
     """(x, y, z) index of the closest dense sample per cell, 65535 beyond the band."""
     origin: Float
@@ -109,7 +113,8 @@ def prepare_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
 def part_weights(surfaces: Sequence[Surface]) -> Float:
     """Return the weight (n,) of every part in the score: its share of the visible area, but never negligible."""
     areas = np.array([s.area for s in surfaces])
-    weights = np.maximum(areas / areas.sum(), LEAST_WEIGHT) * [s.exists for s in surfaces]
+    exists = np.array([s.exists for s in surfaces])
+    weights = np.maximum(areas / areas.sum(), min(LEAST_WEIGHT, SMALL_PARTS_WEIGHT / exists.sum())) * exists
     return np.asarray(weights / weights.sum(), np.float32)
 
 
@@ -158,9 +163,9 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernel
     for i, (surface, weight) in enumerate(zip(surfaces, part_weights(surfaces), strict=True)):
         cell, spacing, radius, size, area = map(float, surface.scalars)
         native.set_surface(
-            i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals, surface.grid,
-            _triple(surface.origin), cell, spacing, _triple(surface.centre), radius, size, area,
-            float(weight),
+            i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals,
+            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing, _triple(surface.centre),
+            radius, size, area, float(weight),
         )  # fmt: skip
     return native
 
@@ -267,6 +272,9 @@ def _surface(
     same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > 0.3
     probe = near[np.arange(len(dense)), np.argmax(same_side, axis=1)]
     dense_normals = dense_normals * np.where(facing[probe] < 0, -1, 1)[:, None]
+    dense_normals = np.ascontiguousarray(dense_normals, np.float32)
+    shown, apparent = visible[probe], dense_normals.copy()
+    apparent[shown] = kernels.apparent_normals(dense[shown], dense_normals[shown], NORMAL_RADIUS, 1)
     oriented = (probe_normals * np.where(facing < 0, -1, 1)[:, None])[visible]
     outer, frequency = probes[visible], seen[visible]
     coarse = kernels.farthest_points(np.ascontiguousarray(outer), COARSE_SAMPLES)
@@ -285,10 +293,11 @@ def _surface(
     radius = np.linalg.norm(vertices - centre, axis=1).max()
     return Surface(
         samples=np.ascontiguousarray(outer[coarse], np.float32),
-        normals=np.ascontiguousarray(oriented[coarse], np.float32),
+        normals=apparent[cKDTree(dense).query(outer[coarse])[1]],
         weights=np.asarray(weights / weights.sum(), np.float32),
         dense=dense,
-        dense_normals=np.ascontiguousarray(dense_normals, np.float32),
+        dense_normals=dense_normals,
+        apparent_normals=apparent,
         grid=grid.reshape(dims),
         origin=np.asarray(origin, np.float32),
         centre=np.asarray(centre, np.float32),
@@ -308,7 +317,7 @@ def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
 def _no_surface() -> Surface:
     none = np.zeros((0, 3), np.float32)
     return Surface(
-        none, none, np.zeros(0, np.float32), none, none, np.zeros((0, 0, 0), np.uint16),
+        none, none, np.zeros(0, np.float32), none, none, none, np.zeros((0, 0, 0), np.uint16),
         np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros((0, 4, 4)), np.zeros((0, 2)),
         np.array([1, 0, 0, 0, 0], np.float32),
     )  # fmt: skip

@@ -155,6 +155,36 @@ def test_points_of_a_line_have_normals_across_it() -> None:
             np.testing.assert_allclose(normals @ along, 0.0, atol=1e-2)
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_apparent_normals_of_fine_ribs_are_those_of_the_whole(threads: int) -> None:
+    x, y = np.random.default_rng(8).random((2, 6000))
+    points = np.column_stack([x, y, np.abs(x % 0.04 - 0.02)]).astype(np.float32)
+    slope = np.sign(x % 0.04 - 0.02)
+    normals = np.column_stack([-slope, np.zeros(6000), np.ones(6000)]).astype(np.float32) / np.float32(np.sqrt(2))
+    apparent = kernels.apparent_normals(points, normals, 0.1, threads)
+    inner = (np.abs(points[:, :2] - 0.5) < 0.35).all(axis=1)
+    assert apparent[inner, 2].min() > 0.98
+    np.testing.assert_allclose(np.linalg.norm(apparent, axis=1), 1.0, atol=1e-5)
+
+
+def test_apparent_normals_keep_the_two_faces_of_a_plate_apart() -> None:
+    face = np.random.default_rng(9).random((2000, 2))
+    points = np.column_stack([np.tile(face, (2, 1)), np.repeat([0.0, 0.01], 2000)]).astype(np.float32)
+    normals = np.repeat(np.float32([[0, 0, -1], [0, 0, 1]]), 2000, axis=0)
+    np.testing.assert_allclose(kernels.apparent_normals(points, normals, 0.1, 1), normals, atol=1e-3)
+    # A point on its own lies on no plane but its own.
+    np.testing.assert_array_equal(kernels.apparent_normals(points[:1], normals[:1], 0.1, 1), normals[:1])
+
+
+def test_apparent_normals_of_what_is_no_surface_keep_to_their_side() -> None:
+    rng = np.random.default_rng(10)
+    points = rng.random((500, 3)).astype(np.float32)
+    normals = np.float32([0, 0, 1]) * rng.choice([-1, 1], (500, 1)).astype(np.float32)
+    apparent = kernels.apparent_normals(points, normals, 0.2, 1)
+    np.testing.assert_allclose(np.linalg.norm(apparent, axis=1), 1.0, atol=1e-5)
+    assert (np.einsum("ij,ij->i", apparent, normals) > 0).all()
+
+
 def test_openness_tells_the_outside_of_a_sphere() -> None:
     rng = np.random.default_rng(4)
     outward = rng.normal(size=(4000, 3))

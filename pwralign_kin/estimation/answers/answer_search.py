@@ -15,7 +15,7 @@ from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.continuation import priced
+from pwralign_kin.estimation.search.continuation import best_priced, priced
 from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.search.repair import repair
@@ -301,7 +301,7 @@ class AnswerSearch:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
         one answer is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds))
+        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds), early_rounds=0)
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(search, candidates)])
@@ -336,7 +336,7 @@ class AnswerSearch:
                 continue  # nothing is near it
             closely = self._closely(focused)
             found = closely._found(seed, closely.search, leader)
-            best = priced(search, search.scored(found)[0]).best_first().take([0])
+            best = best_priced(search, search.scored(found)[0])
             looked.append(best)
             yield _Look(focused, closely, found, best)
             if is_convincing(search, best, options):

@@ -39,9 +39,27 @@ def priced(search: TreeSearch, candidates: Candidates) -> Candidates:
     """
     scores = candidates.scores.copy()
     for rank in np.flatnonzero(scores > scores.max() - PRICE):
-        excess = max(0.0, continued(search, candidates.take([rank])) - USUAL)
-        scores[rank] -= PRICE / (1.0 - USUAL) * excess
+        scores[rank] -= _price(search, candidates.take([rank]))
     return Candidates(candidates.bases, candidates.values, scores)
+
+
+def best_priced(search: TreeSearch, candidates: Candidates) -> Candidates:
+    """Return the best of the candidates (one) as `priced`, which is known before all prices are."""
+    ordered, best = candidates.best_first(), -np.inf
+    chosen = ordered.take([0])
+    for rank, score in enumerate(ordered.scores):
+        if score <= best:
+            break
+        one = ordered.take([rank])
+        one.scores[0] -= _price(search, one)
+        if one.scores[0] > best:
+            chosen, best = one, float(one.scores[0])
+    return chosen
+
+
+def _price(search: TreeSearch, candidate: Candidates) -> float:
+    """Return what the continued edges of one candidate cost."""
+    return PRICE / (1.0 - USUAL) * max(0.0, continued(search, candidate) - USUAL)
 
 
 def continued(search: TreeSearch, candidate: Candidates) -> float:

@@ -10,7 +10,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.benchmark.scenes import scene
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import continued
+from pwralign_kin.estimation.search.continuation import best_priced, continued, priced
 from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 
@@ -27,13 +27,25 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
     return pk.ArticulatedModel.from_urdf(path)
 
 
-def share_continued(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> float:
-    """Return what is continued of the plate at the origin in a scan of `surfaces`."""
+def searched(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> TreeSearch:
+    """Return the search for the plate in a scan of `surfaces`."""
     points = np.concatenate(surfaces) + np.random.default_rng(1).normal(scale=5e-4, size=(sum(map(len, surfaces)), 3))
     scan = pk.Scan(points, sensor_origin=EYE)
     ready = observe(scan, plate.diagonal, ObservationOptions(), 1)
-    search = TreeSearch(plate.kernel_model, plate.surfaces, ready, np.zeros(0), SearchOptions(), 1)
-    return continued(search, Candidates.single(ready.to_search(np.eye(4)), np.zeros(0)))
+    return TreeSearch(plate.kernel_model, plate.surfaces, ready, np.zeros(0), SearchOptions(), 1)
+
+
+def at_height(search: TreeSearch, height: float, score: float = 0.0) -> Candidates:
+    """Return the plate above the origin."""
+    T = np.eye(4)
+    T[2, 3] = height
+    return Candidates.single(search.observation.to_search(T), np.zeros(0), score)
+
+
+def share_continued(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> float:
+    """Return what is continued of the plate at the origin in a scan of `surfaces`."""
+    search = searched(plate, *surfaces)
+    return continued(search, at_height(search, 0.0))
 
 
 def level(width: float, depth: float, height: float) -> np.ndarray:
@@ -54,6 +66,15 @@ def test_what_lies_behind_a_plate_does_not_continue_it(plate: pk.ArticulatedMode
     behind = level(1.6, 1.4, -0.15)
     seen = (np.abs(behind[:, 0]) > 0.35) | (np.abs(behind[:, 1]) > 0.25)
     assert share_continued(plate, level(0.6, 0.4, 0.01), behind[seen]) < 0.05
+
+
+def test_the_best_price_is_that_of_all_prices(plate: pk.ArticulatedModel) -> None:
+    search = searched(plate, level(1.6, 1.4, 0.01), level(0.6, 0.4, 0.51))
+    several = Candidates.concatenate([at_height(search, *own) for own in ((1.0, 0.5), (0.0, 0.9), (0.5, 0.8))])
+    best, all_of = best_priced(search, several), priced(search, several)
+    assert all_of.scores[1] < all_of.scores[2] == best.scores[0] == all_of.scores.max()
+    assert np.array_equal(best.bases[0], several.bases[2])
+    assert several.scores[1] == np.float32(0.9)
 
 
 def test_a_lid_is_not_laid_in_the_wall_behind_it(robots_folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.model.surface import Surface, kernel_model
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -41,6 +43,15 @@ TABLE = """<robot name="table">
   <link name="a"><visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual></link>
   <link name="b"><visual><geometry><box size="0.15 0.12 0.3"/></geometry></visual></link>
   <joint name="j" type="planar"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+SLAT = '<visual><origin xyz="{x:.3f} 0 0" rpy="0 0.8 0"/><geometry><box size="0.001 0.3 0.014"/></geometry></visual>'
+BLIND = """<robot name="blind">
+  <link name="slats">{slats}</link>
+  <link name="bar"><visual><geometry><box size="0.3 0.03 0.03"/></geometry></visual></link>
+  <joint name="j" type="revolute"><parent link="slats"/><child link="bar"/><origin xyz="-0.17 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
 </robot>"""
 
 
@@ -155,6 +166,22 @@ def test_normals_of_points_on_an_answer_are_compared_with_its_own(search: TreeSe
     np.testing.assert_allclose(search.native.facing(normals, placements, part, sample), 1.0, atol=1e-5)
     expected = 2.0 * search.surfaces[0].dense_normals[:5, 2] ** 2 - 1.0
     np.testing.assert_allclose(search.native.facing(normals, turned, part, sample), expected, atol=1e-5)
+
+
+def test_fine_slats_explain_a_scan_that_shows_them_as_one_plane(tmp_path: Path) -> None:
+    slats = "".join(SLAT.format(x=0.008 * i) for i in range(-20, 21))
+    (tmp_path / "blind.urdf").write_text(BLIND.format(slats=slats))
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "blind.urdf")
+    made = pk.simulate(model, pk.State(T_scan_base=np.eye(4), joints={"j": 0.3}), TIERS["full"], 0)
+    observation = observe(made.scan, model.diagonal, ObservationOptions(), 2)
+
+    def explained(surfaces: tuple[Surface, ...]) -> float:
+        native = kernel_model(model, surfaces)
+        search = TreeSearch(native, surfaces, observation, np.zeros(1), SearchOptions(), 2)
+        return float(search.coverage(true_candidate(model, search, made, np.ones(1)))[0])
+
+    as_made = tuple(replace(s, apparent_normals=s.dense_normals) for s in model.surfaces)
+    assert explained(model.surfaces) > explained(as_made) + 0.05
 
 
 def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> None:
