@@ -45,7 +45,8 @@ def test_a_small_feature_tells_how_a_round_base_is_turned(tmp_path: Path, seed: 
     made = pk.simulate(model, seed=seed)
     estimate = pk.estimate(model, made.scan)
     assert estimate.undetermined == ()
-    assert abs(wrapped(estimate.state.joints["turn"] - made.state.joints["turn"])) < np.radians(3.0)
+    off = abs(wrapped(estimate.state.joints["turn"] - made.state.joints["turn"]))
+    assert off < 2.0 * estimate.std["turn"] < np.radians(10.0)
 
 
 def test_a_round_base_tells_nothing(tmp_path: Path) -> None:

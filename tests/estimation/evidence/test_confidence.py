@@ -64,8 +64,8 @@ def test_noise_and_few_points_make_answers_alike(arm: pk.ArticulatedModel) -> No
         pk.estimate(arm, pk.simulate(arm, sensor=sensor, seed=4).scan).evidence.distinct
         for sensor in (pk.Sensor(noise=0.002), pk.Sensor(noise=0.02), pk.Sensor(noise=0.002, points=300))
     )
-    assert noisy < 0.7 * clear
-    assert few < 0.7 * clear
+    assert noisy < 0.8 * clear
+    assert few < 0.4 * clear
 
 
 def test_surface_that_noise_does_not_explain_is_astray(
