@@ -5,7 +5,8 @@ namespace pwr {
 
 namespace {
 
-constexpr int64_t most_examined = 65536;      // points of a frame that are looked at
+constexpr int64_t most_examined = 65536;      // points of a cloud that are looked at
+constexpr int64_t most_pixels = 131072;       // the same of an image, where most may show nothing
 constexpr int candidates_per_point = 4;       // points around the model that are thinned to one
 constexpr float reach = .03f;                 // a sample nearer to a point is supported, diagonals
 constexpr float occluder_gap = .04f;          // what is nearer to the sensor by more than this hides a sample
@@ -43,7 +44,7 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
       thinned(candidates_per_point * points), near(points) {
     const size_t size = 6 + model.joints;
     kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
-    candidates.reserve(most_examined), close.make_room(points);
+    candidates.reserve(most_pixels), close.make_room(points);
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;
@@ -151,7 +152,7 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     }
     const int64_t pixels = int64_t(last_row - first_row) * (last_column - first_column);
     int stride = 1;
-    while (pixels / (int64_t(stride) * stride) > most_examined / 2) ++stride;
+    while (pixels / (int64_t(stride) * stride) > most_pixels) ++stride;
     Rigid in_units = view.camera;
     for (int i = 0; i < 3; ++i) in_units.t[i] = (in_units.t[i] - centre[i]) / unit;
     const RigidF camera = to_float(in_units);
@@ -239,14 +240,14 @@ void Tracking::assign(const SplitPoints &points, float cap) {
 
 TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
                           const double *expected, const uint8_t *held, float sigma_first, float sigma_last,
-                          int iterations, double seconds) {
+                          float noise, int iterations, double seconds) {
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
     bool all = false;
-    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one. The
-    // robust scale is about twice the noise, and neighbouring points share the sensor's error.
-    const double belief = .25 * sigma_last * sigma_last / (independent_share * std::max<size_t>(kept.size(), 1));
+    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one.
+    // Neighbouring points share the sensor's error.
+    const double belief = noise * noise / (independent_share * std::max<size_t>(kept.size(), 1));
     for (int iteration = 0; iteration < iterations; ++iteration) {
         if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
         // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last word.
@@ -371,14 +372,12 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     place(base, values);
     TrackingJudgement out;
     assign(thinner[1], close_distance); // every other point: shares need no more
-    if (tolerance <= 0) {
-        ordered.clear();
-        for (size_t i = 0; i < owner.size(); ++i)
-            if (owner[i] >= 0) ordered.push_back(distance[i]);
-        const auto middle = ordered.begin() + ordered.size() / 2;
-        if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
-        tolerance = explained_within(out.noise);
-    }
+    ordered.clear();
+    for (size_t i = 0; i < owner.size(); ++i)
+        if (owner[i] >= 0) ordered.push_back(distance[i]);
+    const auto middle = ordered.begin() + ordered.size() / 2;
+    if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
+    if (tolerance <= 0) tolerance = explained_within(out.noise);
     std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
     float all = 0, close_by = 0;
     for (size_t i = 0; i < owner.size(); ++i) {

@@ -57,7 +57,7 @@ struct TrackingFit {
 
 // How a configuration fits a frame.
 struct TrackingJudgement {
-    float noise = 0;     // robust standard deviation of the distances of points close to the model; 0 where not asked for
+    float noise = 0;     // robust standard deviation of the distances of points close to the model
     float tolerance = 0; // a point nearer to the model is explained
     float coverage = 0;  // share of the points that the model explains
     float agreement = 0; // the same of the points that are close to the model
@@ -80,10 +80,10 @@ class Tracking {
     template <typename Number> void look(const Number *points, int64_t count);
     template <typename Number> void look(const Number *depth, const PinholeView &view);
     // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
-    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration; joints that are `held` stay as they are.
+    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard deviation); joints that are `held` stay as they are.
     TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
-                    const double *expected, const uint8_t *held, float sigma_first, float sigma_last, int iterations,
-                    double seconds);
+                    const double *expected, const uint8_t *held, float sigma_first, float sigma_last, float noise,
+                    int iterations, double seconds);
     // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
     // `explained` and the following.
     TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);

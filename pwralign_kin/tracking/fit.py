@@ -14,6 +14,9 @@ from pwralign_kin.se3 import Array
 LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
+LEAST_NOISE = 0.0005
+"""Models are no more exact, model diagonals: points tell no more than points of this noise would."""
+
 CLEAR = 0.9
 """Share of the points, or of the visible surface, from which on there is little but what is explained."""
 
