@@ -66,7 +66,7 @@ void Tracking::place(const Rigid &base, const double *values) {
 void Tracking::expect(const Rigid &base, const double *values, const double *about, double diagonal,
                       const double *origin, float around) {
     std::copy(about, about + 3, centre);
-    unit = diagonal, margin = around, has_sensor = origin != nullptr, has_ranges = false;
+    unit = diagonal, margin = around, has_sensor = origin != nullptr, has_ranges = has_image = false;
     place(base, values);
     low = {1e30f, 1e30f, 1e30f}, high = {-1e30f, -1e30f, -1e30f};
     for (const Bounds &b : bounds) {
@@ -156,6 +156,7 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     Rigid in_units = view.camera;
     for (int i = 0; i < 3; ++i) in_units.t[i] = (in_units.t[i] - centre[i]) / unit;
     const RigidF camera = to_float(in_units);
+    has_image = true, image = view, image_camera = camera;
     const float scale = float(view.scale / unit), skew = float(view.skew / (view.fx * view.fy));
     auto at = [&](int row, int column) { return float(depth[int64_t(row) * view.width + column]) * scale; };
     for (int row = first_row + stride / 2; row < last_row; row += stride)
@@ -229,6 +230,14 @@ bool Tracking::is_hidden(Vec p) const {
     const Vec d = p - sensor;
     const int pixel = pixel_of(view_axes, half_width, range_pixels, d);
     return pixel >= 0 && ranges[pixel] < norm(d) - occluder_gap;
+}
+
+bool Tracking::is_beyond_image(Vec p) const {
+    if (!has_image) return false;
+    const Vec c = apply_inverse(image_camera, p);
+    if (c.z <= 0) return true;
+    const double x = c.x / c.z, y = c.y / c.z, u = image.fx * x + image.skew * y + image.cx, v = image.fy * y + image.cy;
+    return u < 0 || v < 0 || u > image.width - 1 || v > image.height - 1;
 }
 
 // Find the part nearest to each point, within a cap.
@@ -416,7 +425,7 @@ Tracking::Seen Tracking::seen_of(int part, int samples) const {
         const float w = s.weight * s.w[i] / s.cumulated[count];
         seen.facing += w;
         if (near.any_within(kept.data(), x, reach)) seen.shown += w;
-        else if (is_hidden(x)) seen.hidden += w;
+        else if (is_hidden(x) || is_beyond_image(x)) seen.hidden += w;
     }
     return seen;
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.se3 import Array
 
-LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
+LEAST_SIGMA, MOST_SIGMA = 0.006, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
 LEAST_NOISE = 0.0005
