@@ -41,7 +41,7 @@ class Fit:
     agreement: float = 0.0
     """Share of the points that count for or against the model that it explains."""
     visible: float = 0.0
-    """Share of the facing surface that nothing hides."""
+    """Share of the facing surface that nothing hides and that lies within the image."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
     points: int = 0
