@@ -351,6 +351,7 @@ class Tracking:
         held: NDArray[np.uint8],
         sigma_first: float,
         sigma_last: float,
+        noise: float,
         iterations: int,
         seconds: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int, float]: ...

@@ -692,7 +692,7 @@ void bind_tracking(nb::module_ &m) {
             self.look(depth.data(), view);
         }, "depth"_a, "intrinsics"_a, "scale"_a, "camera"_a)
         .def_prop_ro("points", [](const Tracking &self) { return int(self.kept.size()); })
-        .def("fit", [](Tracking &self, Placements base, Doubles values, Placements predicted, Doubles predicted_values, Matrix expected, Bytes held, float sigma_first, float sigma_last, int iterations, double seconds) {
+        .def("fit", [](Tracking &self, Placements base, Doubles values, Placements predicted, Doubles predicted_values, Matrix expected, Bytes held, float sigma_first, float sigma_last, float noise, int iterations, double seconds) {
             const size_t k = self.model.joints;
             require(base.shape(0) == 1 && predicted.shape(0) == 1 && values.size() == k && predicted_values.size() == k && held.size() == k && expected.shape(0) == 6 + k && expected.shape(1) == 6 + k, "one base, one value per joint and an inverse covariance of both are needed");
             Rigid T = read_placement(base.data());
@@ -700,12 +700,12 @@ void bind_tracking(nb::module_ &m) {
             TrackingFit result;
             {
                 nb::gil_scoped_release release;
-                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), expected.data(), held.data(), sigma_first, sigma_last, iterations, seconds);
+                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), expected.data(), held.data(), sigma_first, sigma_last, noise, iterations, seconds);
             }
             std::vector<double> placed(16);
             write_placement(T, placed.data());
             return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.rmse);
-        }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "expected"_a, "held"_a, "sigma_first"_a, "sigma_last"_a, "iterations"_a, "seconds"_a)
+        }, "base"_a, "values"_a, "predicted"_a, "predicted_values"_a, "expected"_a, "held"_a, "sigma_first"_a, "sigma_last"_a, "noise"_a, "iterations"_a, "seconds"_a)
         .def_prop_ro("information", [](const Tracking &self) {
             const size_t size = 6 + self.model.joints;
             return to_numpy(std::vector<double>(self.information), {size, size});

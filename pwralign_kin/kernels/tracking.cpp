@@ -5,7 +5,8 @@ namespace pwr {
 
 namespace {
 
-constexpr int64_t most_examined = 65536;      // points of a frame that are looked at
+constexpr int64_t most_examined = 65536;      // points of a cloud that are looked at
+constexpr int64_t most_pixels = 131072;       // the same of an image, where most may show nothing
 constexpr int candidates_per_point = 4;       // points around the model that are thinned to one
 constexpr float reach = .03f;                 // a sample nearer to a point is supported, diagonals
 constexpr float occluder_gap = .04f;          // what is nearer to the sensor by more than this hides a sample
@@ -43,7 +44,7 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
       thinned(candidates_per_point * points), near(points) {
     const size_t size = 6 + model.joints;
     kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
-    candidates.reserve(most_examined), close.make_room(points);
+    candidates.reserve(most_pixels), close.make_room(points);
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;
@@ -65,7 +66,7 @@ void Tracking::place(const Rigid &base, const double *values) {
 void Tracking::expect(const Rigid &base, const double *values, const double *about, double diagonal,
                       const double *origin, float around) {
     std::copy(about, about + 3, centre);
-    unit = diagonal, margin = around, has_sensor = origin != nullptr, has_ranges = false;
+    unit = diagonal, margin = around, has_sensor = origin != nullptr, has_ranges = has_image = false;
     place(base, values);
     low = {1e30f, 1e30f, 1e30f}, high = {-1e30f, -1e30f, -1e30f};
     for (const Bounds &b : bounds) {
@@ -151,10 +152,11 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     }
     const int64_t pixels = int64_t(last_row - first_row) * (last_column - first_column);
     int stride = 1;
-    while (pixels / (int64_t(stride) * stride) > most_examined / 2) ++stride;
+    while (pixels / (int64_t(stride) * stride) > most_pixels) ++stride;
     Rigid in_units = view.camera;
     for (int i = 0; i < 3; ++i) in_units.t[i] = (in_units.t[i] - centre[i]) / unit;
     const RigidF camera = to_float(in_units);
+    has_image = true, image = view, image_camera = camera;
     const float scale = float(view.scale / unit), skew = float(view.skew / (view.fx * view.fy));
     auto at = [&](int row, int column) { return float(depth[int64_t(row) * view.width + column]) * scale; };
     for (int row = first_row + stride / 2; row < last_row; row += stride)
@@ -230,6 +232,14 @@ bool Tracking::is_hidden(Vec p) const {
     return pixel >= 0 && ranges[pixel] < norm(d) - occluder_gap;
 }
 
+bool Tracking::is_beyond_image(Vec p) const {
+    if (!has_image) return false;
+    const Vec c = apply_inverse(image_camera, p);
+    if (c.z <= 0) return true;
+    const double x = c.x / c.z, y = c.y / c.z, u = image.fx * x + image.skew * y + image.cx, v = image.fy * y + image.cy;
+    return u < 0 || v < 0 || u > image.width - 1 || v > image.height - 1;
+}
+
 // Find the part nearest to each point, within a cap.
 void Tracking::assign(const SplitPoints &points, float cap) {
     distance.assign(points.size + lane_count, cap), owner.assign(points.size, -1), sample.resize(points.size);
@@ -239,14 +249,14 @@ void Tracking::assign(const SplitPoints &points, float cap) {
 
 TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
                           const double *expected, const uint8_t *held, float sigma_first, float sigma_last,
-                          int iterations, double seconds) {
+                          float noise, int iterations, double seconds) {
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
     bool all = false;
-    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one. The
-    // robust scale is about twice the noise, and neighbouring points share the sensor's error.
-    const double belief = .25 * sigma_last * sigma_last / (independent_share * std::max<size_t>(kept.size(), 1));
+    // The weights of all points add up to one: this much of it is worth what the prediction is at a deviation of one.
+    // Neighbouring points share the sensor's error.
+    const double belief = noise * noise / (independent_share * std::max<size_t>(kept.size(), 1));
     for (int iteration = 0; iteration < iterations; ++iteration) {
         if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
         // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last word.
@@ -371,14 +381,12 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     place(base, values);
     TrackingJudgement out;
     assign(thinner[1], close_distance); // every other point: shares need no more
-    if (tolerance <= 0) {
-        ordered.clear();
-        for (size_t i = 0; i < owner.size(); ++i)
-            if (owner[i] >= 0) ordered.push_back(distance[i]);
-        const auto middle = ordered.begin() + ordered.size() / 2;
-        if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
-        tolerance = explained_within(out.noise);
-    }
+    ordered.clear();
+    for (size_t i = 0; i < owner.size(); ++i)
+        if (owner[i] >= 0) ordered.push_back(distance[i]);
+    const auto middle = ordered.begin() + ordered.size() / 2;
+    if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
+    if (tolerance <= 0) tolerance = explained_within(out.noise);
     std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
     float all = 0, close_by = 0;
     for (size_t i = 0; i < owner.size(); ++i) {
@@ -417,7 +425,7 @@ Tracking::Seen Tracking::seen_of(int part, int samples) const {
         const float w = s.weight * s.w[i] / s.cumulated[count];
         seen.facing += w;
         if (near.any_within(kept.data(), x, reach)) seen.shown += w;
-        else if (is_hidden(x)) seen.hidden += w;
+        else if (is_hidden(x) || is_beyond_image(x)) seen.hidden += w;
     }
     return seen;
 }

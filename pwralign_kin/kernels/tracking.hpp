@@ -57,11 +57,11 @@ struct TrackingFit {
 
 // How a configuration fits a frame.
 struct TrackingJudgement {
-    float noise = 0;     // robust standard deviation of the distances of points close to the model; 0 where not asked for
+    float noise = 0;     // robust standard deviation of the distances of points close to the model
     float tolerance = 0; // a point nearer to the model is explained
     float coverage = 0;  // share of the points that the model explains
     float agreement = 0; // the same of the points that are close to the model
-    float visible = 0;   // share of the surface facing the sensor that is not behind something else
+    float visible = 0;   // share of the surface facing the sensor that is not behind something else or outside the image
     float supported = 0; // share of the visible that is at a point of the frame
 };
 
@@ -80,10 +80,10 @@ class Tracking {
     template <typename Number> void look(const Number *points, int64_t count);
     template <typename Number> void look(const Number *depth, const PinholeView &view);
     // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
-    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration; joints that are `held` stay as they are.
+    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard deviation); joints that are `held` stay as they are.
     TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
-                    const double *expected, const uint8_t *held, float sigma_first, float sigma_last, int iterations,
-                    double seconds);
+                    const double *expected, const uint8_t *held, float sigma_first, float sigma_last, float noise,
+                    int iterations, double seconds);
     // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
     // `explained` and the following.
     TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);
@@ -111,6 +111,7 @@ class Tracking {
     void assign(const SplitPoints &points, float cap);
     bool faces_sensor(Vec p, Vec n, float cosine) const;
     bool is_hidden(Vec p) const;
+    bool is_beyond_image(Vec p) const;
     void solve(const double *values, const uint8_t *held);
     struct Seen { // weights of a part's surface
         float facing = 0, hidden = 0, shown = 0;
@@ -133,7 +134,9 @@ class Tracking {
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
     float margin = 0;
-    bool has_sensor = false, has_ranges = false;
+    bool has_sensor = false, has_ranges = false, has_image = false;
+    PinholeView image;   // where the frame is one
+    RigidF image_camera; // its camera, about the centre in model diagonals
     Vec sensor{0, 0, 0}, low{0, 0, 0}, high{0, 0, 0};
     float view_axes[9] = {}, half_width = 1;
     std::vector<float> ranges; // nearest measured distance per pixel of a coarse image from the sensor

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.se3 import Array
 
-LEAST_SIGMA, MOST_SIGMA = 0.004, 0.015
+LEAST_SIGMA, MOST_SIGMA = 0.006, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
+
+LEAST_NOISE = 0.0005
+"""Models are no more exact, model diagonals: points tell no more than points of this noise would."""
 
 CLEAR = 0.9
 """Share of the points, or of the visible surface, from which on there is little but what is explained."""
@@ -38,7 +41,7 @@ class Fit:
     agreement: float = 0.0
     """Share of the points that count for or against the model that it explains."""
     visible: float = 0.0
-    """Share of the facing surface that nothing hides."""
+    """Share of the facing surface that nothing hides and that lies within the image."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
     points: int = 0

@@ -13,7 +13,7 @@ from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.tracking import local_search
-from pwralign_kin.tracking.fit import LEAST_SIGMA, Fit, Usual
+from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, Fit, Usual
 from pwralign_kin.tracking.motion import LONGEST, Motion
 from pwralign_kin.tracking.options import TrackerOptions
 
@@ -86,7 +86,9 @@ class FrameFitting:
         native = self.native
         predicted = self._inward(expected.T)
         base, values = (predicted, expected.values) if start is None else start
-        sigma, tolerance = (2 * LEAST_SIGMA, 0.0) if usual is None else (usual.sigma, usual.tolerance)
+        sigma, noise, tolerance = 2 * LEAST_SIGMA, LEAST_SIGMA, 0.0
+        if usual is not None:
+            sigma, noise, tolerance = usual.sigma, max(usual.noise, LEAST_NOISE), usual.tolerance
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
             return Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
@@ -105,6 +107,7 @@ class FrameFitting:
             still.astype(np.uint8),
             first,
             sigma,
+            noise,
             iterations,
             limit - clock.perf_counter(),
         )

@@ -21,7 +21,7 @@ class TrackerOptions:
     """One point is used for each cell of this size."""
     margin: float = 0.12
     """What is farther from where the model is expected is not looked at."""
-    iterations: int = 8
+    iterations: int = 12
     """Gauss-Newton iterations of a frame, at most; a doubtful frame gets four times as many from each of two starts."""
     time_limit: float | None = None
     """Seconds that a frame may take: iterations and second attempts that do not fit are left out, and a lost model is

@@ -27,7 +27,7 @@ class TrackedFrame:
     scan_coverage: float
     """Share of the points around the model that it explains."""
     model_support: float
-    """Share of the surface facing the sensor, and not hidden, that the frame shows."""
+    """Share of the surface facing the sensor, neither hidden nor outside the image, that the frame shows."""
     inlier_rmse: float
     """Of the distances of the explained points, m."""
     std: Mapping[str, float]

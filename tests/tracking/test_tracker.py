@@ -210,6 +210,50 @@ def test_few_frames_of_a_fast_motion_are_followed(arm: pk.ArticulatedModel) -> N
         assert joints < 8.0 and base < 0.005
 
 
+def _left_part(image: pk.DepthFrame, columns: int) -> pk.DepthFrame:
+    """What a smaller sensor behind the same lens would have seen."""
+    return replace(image, depth=np.ascontiguousarray(image.depth[:, :columns]))
+
+
+def test_what_is_outside_the_image_is_not_missing(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], moving[0].time)
+    columns = np.flatnonzero((moving[1].images[0].depth > 0.0).any(axis=0))
+    half = int(np.median(columns))
+    blanked = moving[1].images[0].depth.copy()
+    blanked[:, half:] = 0.0
+    cut = tracker.update(_left_part(moving[1].images[0], half), moving[1].time)
+    missing = tracker.update(replace(moving[2].images[0], depth=blanked), moving[2].time)
+    assert cut.model_support > 0.9 > missing.model_support
+
+
+def test_an_image_of_few_pixels_is_looked_at_whole(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    frame = next(iter(simulate_sequence(arm, 1, size=(320, 240), seed=5)))
+    tracker = pk.Tracker(arm, pk.TrackerOptions(cell=1e-4, points=50000), initial=frame.state)
+    assert tracker.update(frame.images[0], 0.0).points > 0.9 * (frame.images[0].depth > 0.0).sum()
+
+
+def test_what_noise_is_usual_is_not_forgotten(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    shown = []
+    for frame in moving:
+        tracker.update(frame.images[0], frame.time)
+        assert tracker._usual is not None
+        shown.append(tracker._usual.noise)
+    assert shown[-1] > 0.8 * shown[0] > 0.0004
+
+
+def test_the_covariance_of_a_frame_is_as_large_as_its_errors(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, pk.TrackerOptions(covariance=True), initial=moving[0].state)
+    ratios = []
+    for frame in moving:
+        tracked = tracker.update(frame.images[0], frame.time)
+        assert tracked.covariance is not None
+        apart = arm.values(tracked.state.joints) - arm.values(frame.state.joints)
+        ratios.append(apart / np.sqrt(np.diag(tracked.covariance)[6:]))
+    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
 def _forearm_hidden(arm: pk.ArticulatedModel, frame: SimulatedFrame) -> pk.DepthFrame:
     """The image with something in front of all pixels that show the part beyond the elbow, and some around them."""
     image = frame.images[0]
