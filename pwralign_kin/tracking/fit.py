@@ -14,8 +14,9 @@ from pwralign_kin.se3 import Array
 LEAST_SIGMA, MOST_SIGMA = 0.006, 0.015
 """Bounds of the robust scale at the end of a fit, which follows the noise, model diagonals."""
 
-LEAST_NOISE = 0.0005
-"""Models are no more exact, model diagonals: points tell no more than points of this noise would."""
+LEAST_NOISE = 0.002
+"""Points tell no more than points of this noise (model diagonals) would: models are not exact, and a nearest surface
+says less of a turn than its slope does. With less, base and first joint of round arms turn against each other."""
 
 CLEAR = 0.9
 """Share of the points, or of the visible surface, from which on there is little but what is explained."""
