@@ -33,8 +33,8 @@ from pwralign_kin.se3 import Array, exp, inverse, transform
 
 FEW_POINTS = 500
 """Points that the displacement by a probe motion is measured at."""
-ON_PART = 0.02
-"""Distance (model diagonals) within which a point lies on a part."""
+ON_PART, UNMOVED = 0.02, 2e-4
+"""Distances (model diagonals) within which a point lies on a part, and from which a motion moves it."""
 NO_COST = 0.004
 """Score that an undetermined joint may cost when it is set to its prior, ..."""
 NO_POINTS = 3.0
@@ -72,8 +72,10 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
     displacement = probe_displacements(solution.problem, absent, solver.model.prismatic, solver.locked)
     nearly = undetermined_joints(displacement, solver.locked, errors, PLAIN_DISPLACEMENT)
-    for joint in np.flatnonzero(nearly & ~undetermined_joints(displacement, solver.locked, errors)):
-        displacement[joint] = min(displacement[joint], _moved(solver, solution, absent, int(joint)))
+    nearly &= ~undetermined_joints(displacement, solver.locked, errors)
+    if nearly.any():
+        closer = _displaced(solver, solution, absent, np.flatnonzero(nearly))
+        displacement[nearly] = np.minimum(displacement[nearly], closer)
     undetermined = undetermined_joints(displacement, solver.locked, errors)
     weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
     probe = np.where(solver.model.prismatic, PROBE_SLIDE, PROBE_TURN)
@@ -96,29 +98,38 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined, parting.covariance))
 
 
-def _moved(solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], joint: int) -> float:
-    """Return by how much (model diagonals) the probe motion of a joint takes what is seen off the model's triangles.
+def _displaced(
+    solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], joints: NDArray[np.int64]
+) -> Array:
+    """Return by how much (n,) (model diagonals) the probe motions of `joints` (n,) take what is seen off the model's
+    triangles.
 
     As in `probe_displacements`: the mean squares of all observed parts are added.
     """
-    problem = solution.problem
-    motion = probe_motion(problem, absent, solver.model.prismatic, solver.locked, joint)
+    problem, given = solution.problem, solver.search.observation.given
     placements, twists = solver.part_twists(solution.base, solution.values)
     meshes, threads = solver.model.kernel_meshes, solver.search.threads
-    given = solver.search.observation.given
     given = np.ascontiguousarray(given[:: max(1, len(given) // FEW_POINTS)])
     seen, part = kernels.closest_on_meshes(meshes, placements, given, ON_PART, threads)
+    counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
+    seen, part = seen[counted[part]], part[counted[part]]
     about = solution.base[:3, 3]
-    total = 0.0
-    for index in np.flatnonzero((problem.counts >= LEAST_POINTS) & ~absent):
-        own = transform(exp(twists[index] @ motion), seen[part == index] - about) + about
-        if len(own) == 0:
-            continue
-        points = np.ascontiguousarray(own, np.float32)
-        closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)
-        off = np.where(near >= 0, np.linalg.norm(points - closest, axis=1), ON_PART)
-        total += float(np.square(off).mean())
-    return float(np.sqrt(total))
+    motions = [
+        twists @ probe_motion(problem, absent, solver.model.prismatic, solver.locked, int(joint)) for joint in joints
+    ]
+    moved = np.tile(seen, (len(joints), 1, 1))
+    for points, motion in zip(moved, motions, strict=True):
+        for index in np.unique(part):
+            own = part == index
+            points[own] = transform(exp(motion[index]), seen[own] - about) + about
+    away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
+    points = np.ascontiguousarray(moved[away], np.float32)
+    closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)
+    off = np.zeros(away.shape)
+    off[away] = np.where(near >= 0, np.linalg.norm(points - closest, axis=1), ON_PART)
+    count = np.maximum(np.bincount(part, minlength=len(absent)), 1)
+    displaced: Array = np.sqrt((np.square(off) / count[part]).sum(axis=1))
+    return displaced
 
 
 def _compared(
