@@ -80,7 +80,8 @@ class Tracking {
     template <typename Number> void look(const Number *points, int64_t count);
     template <typename Number> void look(const Number *depth, const PinholeView &view);
     // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
-    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard deviation); joints that are `held` stay as they are.
+    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard
+    // deviation); joints that are `held` stay as they are.
     TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
                     const double *expected, const uint8_t *held, float sigma_first, float sigma_last, float noise,
                     int iterations, double seconds);
