@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 from pwralign_kin.se3 import Array, exp, rotation_vector
 
-GAIN = 0.5
-"""Share of what a frame shows beyond the expected that goes into the speed (the beta of an alpha-beta filter)."""
-
 MEMORY = 0.15
 """Time constant (s) in which an unseen motion comes to rest."""
 
@@ -98,15 +95,17 @@ class Motion:
         apart = values - self.values
         wraps = np.isfinite(turns)
         apart[wraps] -= turns[wraps] * np.round(apart[wraps] / turns[wraps])
-        gain = GAIN / ahead
-        twist = self.twist.copy()
-        twist[:3] += gain * rotation_vector(T[:3, :3] @ self.T[:3, :3].T)
-        twist[3:] += gain * (T[:3, 3] - self.T[:3, 3])
+        apart = np.r_[rotation_vector(T[:3, :3] @ self.T[:3, :3].T), T[:3, 3] - self.T[:3, 3], apart]
+        # What is apart is a change of speed as far as that can have moved the model, and the doubt of where it was and
+        # is cannot: of few frames nearly all of it, of many, or where they tell little, hardly any. A surprising speed
+        # takes as long to come up as surprises add up.
+        moved = (_surprises(len(apart)) * ahead**2 / LONGEST) ** 2
+        gain = moved / (moved + np.diag(covariance) + np.diag(since.covariance))
         told = np.clip(1.0 - np.diag(covariance) / np.diag(self.covariance), 0.0, 1.0)
-        unseen = np.r_[np.zeros(6, bool), held]
-        speeds = np.where(held, self.speeds, told[6:] * (self.speeds + gain * apart))
+        before, unseen = np.r_[self.twist, self.speeds], np.r_[np.zeros(6, bool), held]
+        speeds = np.where(unseen, before, told * (before + gain * apart / ahead))
         seen = np.where(unseen, self.seen, self.time)
-        return Motion(self.time, T, values, told[:6] * twist, speeds, seen, covariance)
+        return Motion(self.time, T, values, speeds[:6], speeds[6:], seen, covariance)
 
 
 def _surprises(size: int) -> Array:

@@ -169,6 +169,27 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
 
 
+def _seen_at(motion: Motion, time: float, value: float, deviation: float) -> Motion:
+    """The motion once a frame has shown a base that rests and the value of its one joint."""
+    expected = motion.predicted(time)
+    covariance = deviation**2 * np.eye(7)
+    return expected.corrected(np.eye(4), np.array([value]), covariance, np.zeros(1, bool), np.full(1, np.inf), motion)
+
+
+def test_speeds_follow_few_frames_at_once_and_many_or_unsure_ones_slowly() -> None:
+    def taken(rate: float, deviation: float) -> float:
+        """Share of a new speed that one frame tells."""
+        motion = Motion.at_rest(0.0, np.eye(4), np.zeros(1), 0.0)
+        for index in range(1, 5):
+            motion = _seen_at(motion, index / rate, 0.0, deviation)
+        return float(_seen_at(motion, 5 / rate, 1.0 / rate, deviation).speeds[0])
+
+    assert taken(5.0, 0.005) > 0.95
+    assert 0.3 < taken(30.0, 0.003) < 0.7
+    assert taken(30.0, 0.01) < 0.1
+    assert taken(5.0, 0.1) < 0.5
+
+
 def test_a_short_slide_that_is_hidden_is_undetermined(tmp_path: Path) -> None:
     link = '<link name="{}"><visual><geometry><box size="{}"/></geometry></visual></link>'
     slide = '<joint name="slide" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0 0 0.3"/>'
