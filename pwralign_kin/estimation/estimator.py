@@ -23,7 +23,7 @@ from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import likeliest
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.reporting import reported
+from pwralign_kin.estimation.reporting import reported, state_of
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -187,21 +187,38 @@ class Estimator:
         if observation.scene or fit.scan.sensor_origin is not None:
             return fit, estimate
         first, turned = fit, np.zeros(len(observation.points), bool)
+        tried = {turned.tobytes()}
         for _ in range(OTHER_SIDES):
             parts = turned_over(fit.solver.search, fit.finished.take([0]))
             several = [np.any(parts, axis=0)] if len(parts) > 1 else []
-            best = fit
+            best, now = fit, turned
             for over in several + parts:
-                try:
-                    other = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned ^ over)
-                except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+                other = turned ^ over
+                if other.tobytes() in tried:
                     continue
-                if other.finished.scores[0] > max(best.finished.scores[0], fit.finished.scores[0] + OTHER_SIDE):
-                    best, now = other, turned ^ over
+                tried.add(other.tobytes())
+                found = self._with_turned(other, fit, initial, correspondences)
+                if found is not None and found.finished.scores[0] > best.finished.scores[0]:
+                    best, now = found, other
             if best is fit:
                 break
             fit, turned = best, now
         return (fit, estimate) if fit is first else (fit, self._finished(fit, initial))
+
+    def _with_turned(
+        self, turned: NDArray[np.bool_], fit: Fit, initial: State | None, correspondences: Correspondences | None
+    ) -> Fit | None:
+        """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
+        observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
+        answer = state_of(self.model, observation, fit.finished.bases[0], fit.finished.values[0])
+        try:
+            for start in (answer, initial):
+                found = self.fit(fit.scan, start, correspondences, fit.watch, turned=turned)
+                if found.finished.scores[0] <= enough:
+                    return None
+        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+            return None
+        return found
 
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
@@ -247,7 +264,7 @@ class Estimator:
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
         hidden = seen_through(scan, self.model.diagonal)
-        if hidden < SEEN_THROUGH or edge_on(scan, self.model.diagonal):
+        if not self._is_contradicted(scan, hidden):
             return scan
         logger.warning(
             "%s: its sensor origin is not used: from there, %.0f%% of the points are behind others; is it in the frame "
@@ -255,6 +272,10 @@ class Estimator:
             scan.source, 100.0 * hidden,
         )  # fmt: skip
         return scan.without_sensor_origin()
+
+    def _is_contradicted(self, scan: Scan, hidden: float) -> bool:
+        """Return whether points `hidden` by others, this share, speak against the sensor origin."""
+        return hidden >= SEEN_THROUGH and not edge_on(scan, self.model.diagonal)
 
     def _without_sensor_origin(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
@@ -287,7 +308,7 @@ class Estimator:
         if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
             return estimate
         scan = fit.scan.with_sensor_origin(np.zeros(3))
-        if not is_view(scan) or seen_through(scan, self.model.diagonal) >= SEEN_THROUGH:
+        if not is_view(scan) or self._is_contradicted(scan, seen_through(scan, self.model.diagonal)):
             return estimate
         try:
             other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)

@@ -48,7 +48,7 @@ def reported(
     seen = search.seen_shares(final)[0]
     with watch.stage("equal answers"):
         others = _others(search, final, finished, equal)
-    state = _state(model, observation, solution.base, solution.values)
+    state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
     labels, distances = _labels(scan, search, observation.to_search(T_scan_parts))
     explained = labels >= 0
@@ -81,7 +81,7 @@ def reported(
         covariance=doubt.covariance * np.outer(twist_scales, twist_scales),
         alternatives=tuple(
             Alternative(
-                _state(model, observation, base, values),
+                state_of(model, observation, base, values),
                 -float(score),
                 bool(finished.scores[0] - score < EQUAL),
             )
@@ -109,7 +109,8 @@ def _others(search: TreeSearch, final: Candidates, finished: Candidates, made: C
     return search.distinct(several, len(several), search.options.distinct).take(slice(1, None))
 
 
-def _state(model: ArticulatedModel, observation: Observation, base: Array, values: Array) -> State:
+def state_of(model: ArticulatedModel, observation: Observation, base: Array, values: Array) -> State:
+    """Return base (4, 4) and values (k,) of the search in the scan frame and in joint units."""
     joints = np.clip(values * model.joint_scales, model.lower, model.upper)
     return State(
         T_scan_base=observation.to_scan(base),

@@ -295,7 +295,7 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             offer(points, T.data(), stays.data(), before, balls.data());
             for (const int at : taken) gains[at] = gain_at(points, at, before, F);
             const float still = std::accumulate(gains.begin(), gains.end(), 0.f);
-            // Ownership in the whole scan decides contested samples of parts that stand still: taken once, as it was.
+            // Ownership in the whole scan decides contested samples of parts that stand still.
             std::vector<int> owner = look.owner, changed;
             auto owner_at = [&](int at) -> int & { return owner[shuffled[points.order[at]]]; };
             for (const int at : taken) owner_at(at) = before.part[at];

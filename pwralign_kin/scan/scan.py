@@ -33,7 +33,7 @@ LARGEST = float(np.finfo(np.float32).max)
 them."""
 
 
-ROUNDED_SAMPLE, LEAST_VALUES, OFF_STEP = 2000, 5, 0.01
+ROUNDED_SAMPLE, LEAST_VALUES, OFF_STEP = 2000, 20, 0.01
 """The step of rounded coordinates is told from so many points; an axis tells it with at least so many values whose
 distances are multiples of the least, up to this share of it."""
 

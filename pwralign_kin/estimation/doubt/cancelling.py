@@ -99,10 +99,12 @@ def parted(solver: JointLeastSquares, solution: Solution, errors: Errors) -> Par
     held[[joint for pair in pairs for joint in (pair.inner, pair.outer)]] = True
     stds = np.zeros(len(pairs))
     for _ in range(ROUNDS):
-        values = solution.values
+        values, moved = solution.values, np.zeros(len(pairs))
         for place, pair in enumerate(pairs):
-            values, stds[place] = _best(solver, solution.base, values, pair, errors)
-        if np.abs(values - solution.values).max() <= stds.min():
+            before = values
+            values, stds[place] = _best(solver, solution.base, before, pair, errors)
+            moved[place] = abs(values - before)[pair.inner]
+        if (moved <= stds).all():
             break  # no better than what is there
         solution = solved(solver.with_locked(held, values), solution.base, values, solution.problem.blur)
     for pair, std in zip(pairs, stds, strict=True):
@@ -140,7 +142,7 @@ def _range(solver: JointLeastSquares, values: Array, pair: Cancelling) -> tuple[
     rates = pair.direction(len(values))[6:]
     moves = np.flatnonzero(rates)
     ends = (np.array([solver.lower, solver.upper]) - values)[:, moves] / rates[moves]
-    return float(ends.min(axis=0).max()), float(ends.max(axis=0).min())
+    return min(float(ends.min(axis=0).max()), 0.0), max(float(ends.max(axis=0).min()), 0.0)
 
 
 class _Slid:

@@ -29,6 +29,7 @@ from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSqu
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.sensing.observation import at_most
 from pwralign_kin.se3 import Array, exp, inverse, transform
 
 FEW_POINTS = 500
@@ -109,7 +110,7 @@ def _displaced(
     problem, given = solution.problem, solver.search.observation.given
     placements, twists = solver.part_twists(solution.base, solution.values)
     meshes, threads = solver.model.kernel_meshes, solver.search.threads
-    given = np.ascontiguousarray(given[:: max(1, len(given) // FEW_POINTS)])
+    given = at_most(given, FEW_POINTS)
     seen, part = kernels.closest_on_meshes(meshes, placements, given, ON_PART, threads)
     counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
     seen, part = seen[counted[part]], part[counted[part]]
