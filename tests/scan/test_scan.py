@@ -82,7 +82,7 @@ def test_the_step_of_rounded_coordinates_is_told() -> None:
     assert Scan((points + np.array([5.4e6, 0.0, 0.0])).astype(np.float32)).rounding() == 0.5
     assert Scan((0.1 * points + np.array([5.4e6, 0.0, 0.0])).astype(np.float32)).rounding() == 0.5
     assert Scan(points * [1.0, 1.0, 0.0]).rounding() < 1e-6
-    layers = np.column_stack([points[:, :2], np.round(points[:, 2], 1)])
+    layers = np.column_stack([points[:, :2], 0.1 * (np.arange(5000) % 8)])
     assert Scan(layers).rounding() < 1e-6
 
 
