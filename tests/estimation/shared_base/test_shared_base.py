@@ -116,4 +116,5 @@ def test_the_base_repeats_on_real_frames(wheel_folder: Path, shared_folder: Path
     assert distance < 0.005
     assert angle < np.radians(1.0)
     assert first.contradicted == second.contradicted == []
-    assert min(estimate.confidence for estimate in (*first.estimates, *second.estimates)) > 0.7
+    # Of one frame the encoders tell an arm 2% D beside its points: that is doubted.
+    assert sorted(estimate.confidence for estimate in (*first.estimates, *second.estimates))[1] > 0.9
