@@ -103,6 +103,21 @@ nb::tuple write_hypotheses(const std::vector<Hypothesis> &hypotheses) {
     }
     return nb::make_tuple(to_numpy(std::move(parts)), to_numpy(std::move(placements), {hypotheses.size(), 4, 4}), to_numpy(std::move(scores)));
 }
+// Where the parts of a configuration are, and which of them may own points: those in the mask that have a surface.
+struct PlacedParts {
+    std::vector<Rigid> T;
+    std::vector<uint8_t> used;
+    PlacedParts(const Articulated &model, const Placements &placements, const Bytes &mask) {
+        require(int(placements.shape(0)) == model.parts && int(mask.shape(0)) == model.parts, "one placement per part is needed");
+        for (int p = 0; p < model.parts; ++p) {
+            T.push_back(read_placement(placements.data() + 16 * p));
+            used.push_back(mask.data()[p] && model.surface[p].exists);
+        }
+    }
+};
+nb::tuple write_assignment(Assignment a) {
+    return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+}
 
 void bind_clouds(nb::module_ &m) {
     m.def("thin", [](Points points, float radius) {
@@ -532,13 +547,7 @@ void bind_search(nb::module_ &m) {
             return write_configurations(self.model, configurations);
         }, "bases"_a, "values"_a, "points"_a, "iterations"_a, "sigma_first"_a, "sigma_last"_a, "support_weight"_a, "part_weights"_a)
         .def("assign", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
-            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
-            std::vector<Rigid> T;
-            std::vector<uint8_t> used;
-            for (int p = 0; p < self.model.parts; ++p) {
-                T.push_back(read_placement(placements.data() + 16 * p));
-                used.push_back(mask.data()[p] && self.model.surface[p].exists);
-            }
+            const PlacedParts placed(self.model, placements, mask);
             Assignment a;
             {
                 nb::gil_scoped_release release;
@@ -546,28 +555,22 @@ void bind_search(nb::module_ &m) {
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
-                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, T.data(), used.data(), cap);
+                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, placed.T.data(), placed.used.data(), cap);
                     std::copy(piece.distance.begin(), piece.distance.end(), a.distance.begin() + from);
                     std::copy(piece.part.begin(), piece.part.end(), a.part.begin() + from);
                     std::copy(piece.sample.begin(), piece.sample.end(), a.sample.begin() + from);
                 });
             }
-            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+            return write_assignment(std::move(a));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("owners", [](const Search &self, Placements placements, Bytes mask, float cap) {
-            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
-            std::vector<Rigid> T;
-            std::vector<uint8_t> used;
-            for (int p = 0; p < self.model.parts; ++p) {
-                T.push_back(read_placement(placements.data() + 16 * p));
-                used.push_back(mask.data()[p] && self.model.surface[p].exists);
-            }
+            const PlacedParts placed(self.model, placements, mask);
             Assignment a;
             {
                 nb::gil_scoped_release release;
-                a = self.owners(T.data(), used.data(), cap);
+                a = self.owners(placed.T.data(), placed.used.data(), cap);
             }
-            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+            return write_assignment(std::move(a));
         }, "placements"_a, "mask"_a, "cap"_a)
         .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
             const size_t count = normals.shape(0);
