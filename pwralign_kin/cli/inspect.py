@@ -109,9 +109,13 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
     unit = likely_unit(scan, model.diagonal)
     ratio = METRES[unit] * scan.diagonal / model.diagonal
-    likely = unit if unit == "m" else f"{unit}: use --units {unit}"
-    if unit == "m" and ratio > SCENE:
-        likely += ", if it shows more than the model; else it is in a unit that is not read: scale it to m"
+    image = scan.camera is not None
+    likely = unit
+    if unit != "m":
+        likely += f": its --depth-scale is {METRES[unit]:g} times the one in use" if image else f": use --units {unit}"
+    elif ratio > SCENE:
+        remedy = "its depth is in another unit: give --depth-scale" if image else "it is in a unit that is not read"
+        likely += f", if it shows more than the model; else {remedy}{'' if image else ': scale it to m'}"
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
