@@ -17,7 +17,7 @@ from command_line import Call
 
 from pwralign_kin import State, dependencies
 from pwralign_kin.cli import EXAMPLES, VERBS
-from pwralign_kin.cli.simulate import simulate
+from pwralign_kin.cli.simulate import SensorOptions
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
@@ -243,7 +243,7 @@ def test_simulate_puts_the_model_in_a_room(arm: Path, tmp_path: Path, pwralign: 
 
 
 def test_simulate_offers_every_tier() -> None:
-    tiers, none = get_args(get_type_hints(simulate, include_extras=False)["tier"])
+    tiers, none = get_args(get_type_hints(SensorOptions, include_extras=False)["tier"])
     assert set(get_args(tiers)) == set(TIERS) and none is type(None)
 
 
