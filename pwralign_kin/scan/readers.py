@@ -142,7 +142,8 @@ def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> 
             try:
                 float(words[column])
             except ValueError:
-                return f"line {number}: {words[column][:40]!r} is not a number"
+                remedy = ": write decimal points, not commas" if "," in words[column] else ""
+                return f"line {number}: {words[column][:40]!r} is not a number{remedy}"
     return None
 
 

@@ -595,3 +595,9 @@ def test_a_sequence_of_frames_is_no_scan(tmp_path: Path) -> None:
     np.savez(tmp_path / "sequence.npz", points=cloud, counts=[20, 30])
     with pytest.raises(ScanError, match="pwralign track"):
         Scan.load(tmp_path / "sequence.npz")
+
+
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("0,1;0,2;0,3\n" * 20)
+    with pytest.raises(ScanError, match="line 1: '0,1' is not a number: write decimal points"):
+        Scan.load(tmp_path / "a.csv")
