@@ -45,8 +45,20 @@ Out<float> to_numpy(const std::vector<Vec> &points) {
 const Vec *vectors(const Points &points) { return reinterpret_cast<const Vec *>(points.data()); }
 std::vector<Vec> copied(const Points &points) { return {vectors(points), vectors(points) + points.shape(0)}; }
 
+void require(bool condition, const char *message) {
+    if (!condition) throw std::invalid_argument(message);
+}
 Rigid read_placement(const double *m) {
     return {{m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]}, {m[3], m[7], m[11]}};
+}
+std::vector<Rigid> read_placements(const Placements &placements) {
+    std::vector<Rigid> T;
+    for (size_t i = 0; i < placements.shape(0); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+    return T;
+}
+std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
+    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
+    return read_placements(placements);
 }
 void write_placement(const Rigid &T, double *m) {
     for (int i = 0; i < 3; ++i) {
@@ -54,9 +66,6 @@ void write_placement(const Rigid &T, double *m) {
         m[4 * i + 3] = T.t[i];
     }
     m[12] = m[13] = m[14] = 0, m[15] = 1;
-}
-void require(bool condition, const char *message) {
-    if (!condition) throw std::invalid_argument(message);
 }
 // Points can be sorted into cells of this size: numbers of cells along one side have 20 bits (`pack_cell`).
 void require_cells(const Points &points, float cell) {
@@ -107,12 +116,9 @@ nb::tuple write_hypotheses(const std::vector<Hypothesis> &hypotheses) {
 struct PlacedParts {
     std::vector<Rigid> T;
     std::vector<uint8_t> used;
-    PlacedParts(const Articulated &model, const Placements &placements, const Bytes &mask) {
-        require(int(placements.shape(0)) == model.parts && int(mask.shape(0)) == model.parts, "one placement per part is needed");
-        for (int p = 0; p < model.parts; ++p) {
-            T.push_back(read_placement(placements.data() + 16 * p));
-            used.push_back(mask.data()[p] && model.surface[p].exists);
-        }
+    PlacedParts(const Articulated &model, const Placements &placements, const Bytes &mask) : T(part_placements(model, placements)) {
+        require(int(mask.shape(0)) == model.parts, "one entry of the mask per part is needed");
+        for (int p = 0; p < model.parts; ++p) used.push_back(mask.data()[p] && model.surface[p].exists);
     }
 };
 nb::tuple write_assignment(Assignment a) {
@@ -318,8 +324,7 @@ void bind_meshes(nb::module_ &m) {
         }, "vertices"_a, "faces"_a);
     m.def("closest_on_meshes", [](std::vector<const TriangleMesh *> meshes, Placements placements, Points points, float reach, int threads) {
         require(placements.shape(0) == meshes.size(), "one placement per mesh is needed");
-        std::vector<Rigid> T;
-        for (size_t i = 0; i < meshes.size(); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+        const std::vector<Rigid> T = read_placements(placements);
         std::vector<Vec> closest = copied(points);
         std::vector<int> owner(closest.size(), -1);
         {
@@ -587,9 +592,8 @@ void bind_search(nb::module_ &m) {
         .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
             const size_t n = self.model.parts;
             require(placements.shape(0) % n == 0 && mask.shape(0) == n, "one placement per part is needed");
-            std::vector<Rigid> T;
+            const std::vector<Rigid> T = read_placements(placements);
             std::vector<uint8_t> used;
-            for (size_t i = 0; i < placements.shape(0); ++i) T.push_back(read_placement(placements.data() + 16 * i));
             for (size_t p = 0; p < n; ++p) used.push_back(mask.data()[p] && self.model.surface[p].exists);
             const size_t count = T.size() / n;
             std::vector<float> out(count * points.shape(0));
@@ -600,18 +604,14 @@ void bind_search(nb::module_ &m) {
             return to_numpy(std::move(out), {count, points.shape(0)});
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("in_sight", [](const Search &self, Placements placements, float distance, float cosine) {
-            const size_t n = self.model.parts;
-            require(placements.shape(0) == n, "one placement per part is needed");
-            std::vector<Rigid> T;
-            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            const std::vector<Rigid> T = part_placements(self.model, placements);
             Search::Sight sight = self.in_sight(T, distance, cosine);
             return nb::make_tuple(to_numpy(std::move(sight.shown)), to_numpy(std::move(sight.confirmed)));
         }, "placements"_a, "distance"_a, "cosine"_a)
         .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;
-            require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
-            std::vector<Rigid> T;
-            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            require(part_weights.shape(0) == n, "one weight per part is needed");
+            const std::vector<Rigid> T = part_placements(self.model, placements);
             require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
             std::vector<OrientedPoint> sampled;
             for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
@@ -625,13 +625,6 @@ void bind_search(nb::module_ &m) {
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a, "along_rays"_a);
-}
-
-std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
-    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
-    std::vector<Rigid> T;
-    for (int p = 0; p < model.parts; ++p) T.push_back(read_placement(placements.data() + 16 * p));
-    return T;
 }
 
 void bind_mixture(nb::module_ &m) {
