@@ -205,7 +205,10 @@ def test_inspect_tells_the_scale_of_a_depth_image(arm: Path, tmp_path: Path, pwr
     depth = np.full((60, 80), 1000, np.uint16)
     depth[20:40, 30:50] = 1300
     Image.fromarray(depth).save(tmp_path / "x.png")
-    for scale, words in (("1", "its --depth-scale is 0.001 times"), ("0.008", "another unit: give --depth-scale")):
+    for scale, words in (
+        ("1", "its --depth-scale is 0.001 times"),
+        ("0.008", "depth in another unit: give --depth-scale"),
+    ):
         camera = ["--intrinsics", "60", "60", "39.5", "29.5", "--depth-scale", scale]
         outcome = pwralign("inspect", arm, tmp_path / "x.png", *camera)
         assert words in outcome.out and "--units" not in outcome.out, outcome.out
