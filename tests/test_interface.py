@@ -73,6 +73,8 @@ Wrong = Callable[[Any, Any, Any], object]
         lambda m, s, e: pk.simulate(None),
         lambda m, s, e: pk.simulate(m, seed="a"),
         lambda m, s, e: pk.estimate(m, s, options={}),
+        lambda m, s, e: s.scaled("a"),
+        lambda m, s, e: s.scaled(0.0),
         lambda m, s, e: pk.calibrate(m, [s], [None]),
         lambda m, s, e: pk.calibrate(m, [s], ["a"]),
         lambda m, s, e: pk.calibrate(m, [s], None),
@@ -127,6 +129,24 @@ def test_a_line_tells_a_state_and_a_result(seen: SimulatedScan, found: pk.Estima
     assert repr(found.state).startswith("State(base: xyz ") and repr(found.state).endswith(lid)
     assert repr(found).startswith(f"Estimate(confidence {found.confidence:.2f}; ")
     assert repr(found).endswith(f"{found.state!r})") and len(repr(found)) < 300
+
+
+def test_a_line_tells_a_model_and_a_frame(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:
+    assert repr(model) == "ArticulatedModel(laptop: 2 parts, 0.397 m; lid_hinge 0..2.36 rad)"
+    depth = pk.DepthFrame(np.ones((3, 4), np.uint16), (100.0, 100.0, 2.0, 1.5), scale=0.001)
+    assert repr(depth) == "DepthFrame(depth image: 4 x 3 uint16 pixels, focal length 100)"
+    tracked = pk.Tracker(model, initial=found.state).update(seen.scan, 0.5)
+    assert repr(tracked).startswith("TrackedFrame(0.5 s: confidence") and repr(tracked).endswith(f"{tracked.state!r})")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"), [(lambda s: [s, None], "NoneType among them"), (lambda s: s.points, "ndarray;")]
+)
+def test_what_is_no_scan_is_named(
+    wrong: Callable[[pk.Scan], Any], named: str, model: pk.ArticulatedModel, seen: SimulatedScan
+) -> None:
+    with pytest.raises(pk.PwralignError, match=named):
+        pk.estimate(model, wrong(seen.scan))
 
 
 def test_an_answer_far_from_all_points_has_no_distance_from_them(found: pk.Estimate) -> None:

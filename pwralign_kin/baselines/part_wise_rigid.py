@@ -244,7 +244,8 @@ def _part_by_part(
     """Return the placements (parts, 4, 4) of all parts, `whole` as tuned, and which parts were skipped."""
     placed, done, skipped = whole.copy(), list[int](), list[int]()
     junctions = _junctions(model)
-    for part in model.graph.by_size():
+    surfaces = [part for part, own in enumerate(model.parts) if len(own.faces)]
+    for part in sorted(surfaces, key=lambda part: -model.parts[part].size):
         own = [junction for junction in junctions if part in (junction.parent, junction.child)]
         tied = [junction for junction in own if {junction.parent, junction.child} <= {part, *done}]
         ties = np.array([_tie(model, junction, part, placed) for junction in tied if junction.fixed])

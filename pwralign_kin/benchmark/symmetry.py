@@ -16,12 +16,13 @@ from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
 
 _ITERATIONS = 40
+"""Gauss-Newton steps at most."""
 _REACH = 0.05
 """Surface farther than this does not pull, model diagonals."""
 _DAMPING = 1e-6
 """Share of the mean curvature that keeps what no surface tells at its true value."""
-_LARGEST_STEP = 0.1
-_TOLERANCE = 1e-7
+_LARGEST_STEP, _TOLERANCE = 0.1, 1e-7
+"""Largest component of a step, and of one that is the last, model diagonals and rad."""
 
 
 def in_words_of_truth(ruler: Ruler, reference: Reference, answer: State) -> State:

@@ -52,16 +52,6 @@ Joints = Annotated[
     ),
 ]
 
-Locks = Annotated[
-    list[str] | None,
-    Parameter(
-        "--lock",
-        help="A joint that keeps its --joint or --initial value, else 0 or the limit nearest to it; may be repeated.",
-        negative=(),
-        group=GUESS,
-    ),
-]
-
 
 def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
     """Return {name: value} of arguments `name=value`; raises `UsageError` for one of another form."""
@@ -78,14 +68,6 @@ def joint_values(assignments: Iterable[str] | None) -> dict[str, float]:
             raise UsageError(f"--joint {name} is given twice, as {values[name]:g} and {value:g}.")
         values[name] = value
     return values
-
-
-def locked_names(names: Iterable[str] | None) -> tuple[str, ...]:
-    """Return the names of joints to lock; raises `UsageError` for name=value."""
-    for name in names or ():
-        if "=" in name:
-            raise UsageError(f"--lock takes the name of a joint alone; its value comes with --joint {name}.")
-    return tuple(names or ())
 
 
 def read_joints(path: Path) -> dict[str, float]:

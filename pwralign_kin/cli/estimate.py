@@ -4,22 +4,54 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from pwralign_kin.cli import arguments, messages
-from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Joints, Locks, Seed, Threads
+from pwralign_kin.cli.arguments import GUESS, OUTPUT, SEARCH, AsJson, EffortChoice, Seed, Threads
 from pwralign_kin.cli.base_options import BASE_OPTIONS, BaseOptions
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.cli.joint_options import JOINT_OPTIONS, JointOptions
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 from pwralign_kin.cli.scan_options import SCAN_OPTIONS, ScanOptions, ScanPath
 
 if TYPE_CHECKING:
     from pwralign_kin.estimation import Estimate, SharedBaseEstimate
+    from pwralign_kin.model import ArticulatedModel
+    from pwralign_kin.scan import Scan
     from pwralign_kin.se3 import Array
     from pwralign_kin.state import State
+
+
+@Parameter(name="*", group=OUTPUT)
+@dataclass(frozen=True)
+class OutputOptions:
+    """Which files are written. Raises `UsageError` for a bundle of none."""
+
+    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None
+    up: Annotated[
+        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
+        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z."),
+    ] = None
+    bundle: Annotated[
+        bool,
+        Parameter(
+            help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.",
+            negative=(),
+            show_default=False,
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        """Check what belongs together."""
+        if self.bundle and self.out is None:
+            raise UsageError("--bundle is about the files that --out writes: give --out.")
+
+
+OUTPUT_OPTIONS = OutputOptions()
 
 
 def estimate(
@@ -27,10 +59,9 @@ def estimate(
     scan: ScanPath,
     /,
     *more: Annotated[Path, Parameter(help="Further scans of the same model, sensor and base in the same places.")],
-    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.", group=OUTPUT)] = None,
+    output: OutputOptions = OUTPUT_OPTIONS,
     initial: Annotated[Path | None, Parameter(help="A state.json to start from.", group=GUESS)] = None,
-    joint: Joints = None,
-    lock: Locks = None,
+    joint_options: JointOptions = JOINT_OPTIONS,
     base_options: BaseOptions = BASE_OPTIONS,
     scan_options: ScanOptions = SCAN_OPTIONS,
     correspondences: Annotated[
@@ -50,40 +81,21 @@ def estimate(
     seed: Seed = 0,
     json: AsJson = False,
     model_options: ModelOptions = MODEL_OPTIONS,
-    up: Annotated[
-        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
-        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z.", group=OUTPUT),
-    ] = None,
-    bundle: Annotated[
-        bool,
-        Parameter(
-            help="With --out, also copy the meshes, so that aligned.urdf can go elsewhere.",
-            negative=(),
-            show_default=False,
-            group=OUTPUT,
-        ),
-    ] = False,
     threads: Threads = 0,
 ) -> int:
     """Find where a model is in a scan: its base placement and every joint value.
 
     No guess is needed. Results go to stdout, everything else to stderr.
     """
-    values = arguments.joint_values(joint)
     if more and correspondences is not None:
         raise UsageError("--correspondences are of one scan, but several are given.")
-    if bundle and out is None:
-        raise UsageError("--bundle is about the files that --out writes: give --out.")
-    upward = up or base_options.up_axis
-    guess = _guess(initial, base_options.start, values)
-    if out is not None:
-        arguments.check_folder(out)
+    guess = _guess(initial, base_options.start, joint_options)
+    if output.out is not None:
+        arguments.check_folder(output.out)
     begun = time.perf_counter()
     with messages.progress() as show:
-        from pwralign_kin import files
         from pwralign_kin.estimation import Correspondences, EstimatorOptions, SearchOptions
         from pwralign_kin.estimation import estimate as estimated
-        from pwralign_kin.export import export
 
         show("reading the scan")
         read = [scan_options.read(path) for path in (scan, *more)]
@@ -95,8 +107,8 @@ def estimate(
             seed=seed,
             effort=effort,
             threads=threads,
-            locked=arguments.locked_names(lock),
-            prior=values,
+            locked=joint_options.locked,
+            prior=joint_options.values,
             base=base_options.known,
             search=SearchOptions(solid=solid),
             **hints,
@@ -112,13 +124,11 @@ def estimate(
     found = time.perf_counter()
     written: list[Path] = []
     try:
-        with messages.progress() as show:
-            show("writing the result")
-            for place, one, points in zip(_folders(out, (scan, *more)), results, scans, strict=True):
-                written += [] if place is None else export(one, model, points, place, up=upward, bundle=bundle)
-            if out is not None and more:
-                files.write_text(out / "shared.json", _as_json(result) + "\n")
-                written.append(out / "shared.json")
+        if output.out is not None:
+            places = dict(zip(_folders(output.out, (scan, *more)), zip(results, scans, strict=True), strict=True))
+            written += _written(places, model, output.up or base_options.up_axis, output.bundle)
+            if more:
+                written.append(_shared(output.out, result))
     finally:  # what was found is told where it cannot be written, too
         messages.answer(_as_json(result) if json else str(result))
     if not json:
@@ -127,25 +137,45 @@ def estimate(
     return messages.shared_outcome(shared) if more else messages.outcome(result.confidence, "result")
 
 
-def _folders(out: Path | None, scans: tuple[Path, ...]) -> list[Path | None]:
+def _folders(out: Path, scans: tuple[Path, ...]) -> list[Path]:
     """Return where the result of each scan goes: `out` itself for one, a numbered folder in it for each of several."""
-    if out is None or len(scans) == 1:
-        return [out] * len(scans)
+    if len(scans) == 1:
+        return [out]
     return [out / f"{i}_{path.stem}" for i, path in enumerate(scans)]
 
 
-def _guess(initial: Path | None, base: Array | None, values: Mapping[str, float]) -> State | None:
-    """Return the state to start from, or None to search; `values` go before those of a file."""
+def _written(
+    places: Mapping[Path, tuple[Estimate, Scan]], model: ArticulatedModel, up: str, bundle: bool
+) -> list[Path]:
+    """Write the files of each estimate into its folder and return their paths."""
+    with messages.progress() as show:
+        from pwralign_kin.export import export
+
+        show("writing the result")
+        return [
+            path
+            for place, (own, scan) in places.items()
+            for path in export(own, model, scan, place, up=up, bundle=bundle)
+        ]
+
+
+def _shared(out: Path, result: Estimate | SharedBaseEstimate) -> Path:
+    """Write what several scans tell of one base and return the file."""
+    from pwralign_kin import files
+
+    files.write_text(out / "shared.json", _as_json(result) + "\n")
+    return out / "shared.json"
+
+
+def _guess(initial: Path | None, base: Array | None, joint_options: JointOptions) -> State | None:
+    """Return the state to start from, or None to search; given values go before those of a file."""
     from pwralign_kin.state import State
 
     if initial is not None and base is not None:
         raise UsageError("--initial and --base exclude each other.")
     if base is not None:
-        return State(base, values)
-    if initial is None:
-        return None
-    given = State.load(initial)
-    return State(given.T_scan_base, {**given.joints, **values}, given.base_link)
+        return State(base, joint_options.values)
+    return None if initial is None else joint_options.over(State.load(initial))
 
 
 def _times(begun: float, read: float, found: float, written: float | None) -> str:

@@ -109,19 +109,29 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     dropped = ", ".join(f"{count} {why.replace('_', '-')}" for why, count in scan.dropped.items() if count)
     unit = likely_unit(scan, model.diagonal)
     ratio = METRES[unit] * scan.diagonal / model.diagonal
-    likely = unit if unit == "m" else f"{unit}: use --units {unit}"
-    if unit == "m" and ratio > SCENE:
-        likely += ", if it shows more than the model; else it is in a unit that is not read: scale it to m"
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
-        ("likely unit", likely),
+        ("likely unit", _in_words(unit, ratio, image=scan.camera is not None)),
         ("extent", f"{' x '.join(f'{length:.4g}' for length in scan.extent)} {unit}"),
         ("beside the model", f"in {unit} {ratio:.3g} times as large"),
         ("sensor origin", origin),
         ("normals", "none" if scan.normals is None else "given"),
     ]
     return table(("scan", scan.source), rows)
+
+
+def _in_words(unit: str, ratio: float, *, image: bool) -> str:
+    """Return the likely unit and what to do about it, of a scan or depth `image` that is `ratio` models large in it."""
+    from pwralign_kin.scan import METRES
+
+    scale = f"its --depth-scale is {METRES[unit]:g} times the one in use" if image else f"use --units {unit}"
+    if unit != "m":
+        return f"{unit}: {scale}"
+    if ratio <= SCENE:
+        return unit
+    other = "depth in another unit: give --depth-scale" if image else "in a unit that is not read: scale it to m"
+    return f"{unit}, if it shows more than the model; else it is {other}"
 
 
 def _count(things: Sequence[object], name: str) -> str:

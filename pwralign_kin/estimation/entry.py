@@ -108,6 +108,8 @@ def _checked_options(options: EstimatorOptions | None) -> EstimatorOptions:
 
 
 def _check_scans(scans: object) -> None:
-    if not isinstance(scans, Sequence) or not all(isinstance(one, Scan) for one in scans):
-        got = type(scans).__name__
+    members = scans if isinstance(scans, Sequence) and not isinstance(scans, str) else [scans]
+    strange = [one for one in members if not isinstance(one, Scan)]
+    if strange:
+        got = type(strange[0]).__name__ + ("" if strange[0] is scans else " among them")
         raise StateError(f"expected a Scan or a sequence of them, got {got}; of points (n, 3) in m make Scan(points)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
 from pwralign_kin.estimation.answers.one_sided import turned_over
-from pwralign_kin.estimation.doubt.observability import Doubt, doubted
-from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
+from pwralign_kin.estimation.doubt.observability import doubted
+from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
@@ -37,10 +37,11 @@ from pwralign_kin.estimation.sensing.observation import (
     without_far_points,
 )
 from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.scan import Scan
+from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
@@ -62,33 +63,6 @@ OUTLINED = 0.06
 for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
-
-
-COARSE = 0.03
-"""Step that coordinates are rounded to, model diagonals, from which a caller is told: at 0.03 all of three robots were
-found, at 0.05 with doubts, at 0.1 none."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """One scan searched: the state of an estimate before the joint least squares."""
-
-    scan: Scan
-    solver: JointLeastSquares
-    finished: Candidates
-    """Distinct answers, best first."""
-    prior: Array
-    """(k,) values in search units that joints keep where the scan does not tell."""
-    watch: Stopwatch
-
-
-@dataclass(frozen=True)
-class Judged:
-    """An answer, what the scan does not tell of it, and what speaks for and against it."""
-
-    solution: Solution
-    doubt: Doubt
-    evidence: Evidence
 
 
 class Estimator:
@@ -120,7 +94,7 @@ class Estimator:
 
     def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
         """Return the estimate of one scan."""
-        self.warn_of_rounding(scan)
+        warn_of_rounding(scan, self.model.diagonal)
         watch = Stopwatch(self.progress)
         fit = self.fit(scan, initial, correspondences, watch)
         estimate = self._finished(fit, initial)
@@ -168,7 +142,7 @@ class Estimator:
         if finished is not None:
             fit = replace(fit, finished=finished)
             judged, equal = self._settled(fit, initial)
-        return self._reported(fit, judged, equal)
+        return reported(fit, judged, equal, self.options)
 
     def _settled(self, fit: Fit, initial: State | None) -> tuple[Judged, Candidates]:
         """Return the best answer solved and judged, and those that look alike."""
@@ -246,21 +220,6 @@ class Estimator:
         sounder = soundness(other.evidence) > soundness(estimate.evidence)
         return other if sounder and other.confidence >= estimate.confidence else estimate
 
-    def warn_of_rounding(self, scan: Scan) -> None:
-        """Log that the coordinates of a scan are too coarse for the model, and whether single precision is to blame."""
-        step = scan.rounding()
-        if step < COARSE * self.model.diagonal:
-            return
-        farthest = float(np.abs(scan.points).max())
-        cause = ""
-        if step <= np.spacing(np.float32(farthest)):
-            cause = (
-                f": single precision tells no more {farthest:.3g} m from the origin; subtract an offset before it is "
-                "stored, or store double precision"
-            )
-        share = 100.0 * step / self.model.diagonal
-        logger.warning("%s: coordinates are rounded to %.3g m, %.0f%% of the model%s", scan.source, step, share, cause)
-
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
         hidden = seen_through(scan, self.model.diagonal)
@@ -322,7 +281,7 @@ class Estimator:
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
         equal = equal_answers(self.model, fit.solver.search, solution.configuration)
-        return self._reported(fit, self._judged(fit, solution), equal)
+        return reported(fit, self._judged(fit, solution), equal, self.options)
 
     def _judged(self, fit: Fit, solution: Solution) -> Judged:
         """Say what the scan does not tell of a solution, and what speaks for and against it."""
@@ -331,12 +290,6 @@ class Estimator:
         with fit.watch.stage("confidence"):
             evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
         return Judged(solution, doubt, evidence)
-
-    def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:
-        return reported(
-            fit.scan, fit.solver, judged.solution, judged.doubt, judged.evidence, fit.finished, equal, self.options,
-            fit.watch,
-        )  # fmt: skip
 
     def _observe(
         self,

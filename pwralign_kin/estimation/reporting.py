@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answers.answer_search import total_coverage
-from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.confidence import confidence
-from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.options import EstimatorOptions, changed
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation
-from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
@@ -27,26 +24,16 @@ EQUAL_POINTS = 600
 """Scan points that answers made from the model's symmetry are refined with."""
 
 
-def reported(
-    scan: Scan,
-    solver: JointLeastSquares,
-    solution: Solution,
-    doubt: Doubt,
-    evidence: Evidence,
-    finished: Candidates,
-    equal: Candidates,
-    options: EstimatorOptions,
-    watch: Stopwatch,
-) -> Estimate:
-    """Return the estimate that a `solution` and the evidence for it make.
+def reported(fit: Fit, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
+    """Return the estimate that a `judged` answer makes.
 
-    Beside it are the answers that the search `finished` with (best first) and those that the model's symmetry makes
-    `equal` to it.
+    Beside it are the other answers that the search ended with and those that the model's symmetry makes `equal` to it.
     """
-    model, search = solver.model, solver.search
+    scan, search, finished = fit.scan, fit.solver.search, fit.finished
+    solution, doubt, model = judged.solution, judged.doubt, fit.solver.model
     observation, final = search.observation, solution.configuration
     seen = search.seen_shares(final)[0]
-    with watch.stage("equal answers"):
+    with fit.watch.stage("equal answers"):
         others = _others(search, final, finished, equal)
     state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
@@ -60,8 +47,8 @@ def reported(
     return Estimate(
         state=state,
         cost=-float(finished.scores[0]),
-        confidence=confidence(evidence),
-        evidence=evidence,
+        confidence=confidence(judged.evidence),
+        evidence=judged.evidence,
         inlier_rmse=_rms(distances[explained]),
         scan_coverage=float(explained.mean()),
         model_support=float(seen @ (search.weights * search.exists)),
@@ -89,7 +76,7 @@ def reported(
         ),
         converged=solution.converged,
         iterations=solution.iterations,
-        timings=dict(watch.seconds),
+        timings=dict(fit.watch.seconds),
         options=changed(options),
         units={name: model.units[name] for name in names},
     )

@@ -34,8 +34,8 @@ _SPACING = 0.01  # of the diagonal: large faces are looked at in as many places
 _MOST_PLACES = 2000  # per face, of which the others are looked at ...
 _SOME = 20  # ... where none of so many is seen
 _REACH = 0.01  # of the diagonal: how far around a hidden place other hidden faces are looked for
-_ROUNDS = 6
-_CHUNK = 20_000
+_ROUNDS = 6  # in which hidden faces are left out and the closest of the others is looked for
+_CHUNK = 20_000  # places whose rays are cast together, for the memory they take
 _FAR, _COARSE = 0.2, 0.02  # of the diagonal: what is further away is measured together with what is this near to it
 _LEVELS = 255  # of colour, on either side
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 WIDTH = 1600
 _HIGHEST, _LOWEST = 900, 360
 
-_INK, _PALE, _BOX = (38, 40, 48), (140, 142, 150), (205, 32, 31)
+_INK, _PALE, _HAIR, _BOX = (38, 40, 48), (140, 142, 150), (222, 223, 228), (205, 32, 31)
 _MARGIN, _ROW = 36, 30
 _HEADER = 104
 _INSET = (224, 164)
@@ -74,6 +74,10 @@ def write_overlay(
     canvas = Image.new("RGB", (WIDTH, height), "white")
     canvas.paste(Image.fromarray(picture), (0, header))
     pen = _pen(canvas)
+    right, bottom = sizes[0]
+    beside = right < WIDTH
+    edge = (right, 0, right, bottom) if beside else (_MARGIN, bottom, WIDTH - _MARGIN, bottom)
+    pen.line((edge[0], header + edge[1], edge[2], header + edge[3]), fill=_HAIR)
     _write(pen, (_MARGIN, 28), model.name, 30, _INK)
     _write(pen, (_MARGIN, 68), _figures(estimate, scan), 19, _PALE)
     if estimate.scan_coverage < SCENE:

@@ -45,8 +45,20 @@ Out<float> to_numpy(const std::vector<Vec> &points) {
 const Vec *vectors(const Points &points) { return reinterpret_cast<const Vec *>(points.data()); }
 std::vector<Vec> copied(const Points &points) { return {vectors(points), vectors(points) + points.shape(0)}; }
 
+void require(bool condition, const char *message) {
+    if (!condition) throw std::invalid_argument(message);
+}
 Rigid read_placement(const double *m) {
     return {{m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]}, {m[3], m[7], m[11]}};
+}
+std::vector<Rigid> read_placements(const Placements &placements) {
+    std::vector<Rigid> T;
+    for (size_t i = 0; i < placements.shape(0); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+    return T;
+}
+std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
+    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
+    return read_placements(placements);
 }
 void write_placement(const Rigid &T, double *m) {
     for (int i = 0; i < 3; ++i) {
@@ -54,9 +66,6 @@ void write_placement(const Rigid &T, double *m) {
         m[4 * i + 3] = T.t[i];
     }
     m[12] = m[13] = m[14] = 0, m[15] = 1;
-}
-void require(bool condition, const char *message) {
-    if (!condition) throw std::invalid_argument(message);
 }
 // Points can be sorted into cells of this size: numbers of cells along one side have 20 bits (`pack_cell`).
 void require_cells(const Points &points, float cell) {
@@ -102,6 +111,18 @@ nb::tuple write_hypotheses(const std::vector<Hypothesis> &hypotheses) {
         scores.push_back(hypotheses[i].score);
     }
     return nb::make_tuple(to_numpy(std::move(parts)), to_numpy(std::move(placements), {hypotheses.size(), 4, 4}), to_numpy(std::move(scores)));
+}
+// Where the parts of a configuration are, and which of them may own points: those in the mask that have a surface.
+struct PlacedParts {
+    std::vector<Rigid> T;
+    std::vector<uint8_t> used;
+    PlacedParts(const Articulated &model, const Placements &placements, const Bytes &mask) : T(part_placements(model, placements)) {
+        require(int(mask.shape(0)) == model.parts, "one entry of the mask per part is needed");
+        for (int p = 0; p < model.parts; ++p) used.push_back(mask.data()[p] && model.surface[p].exists);
+    }
+};
+nb::tuple write_assignment(Assignment a) {
+    return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
 }
 
 void bind_clouds(nb::module_ &m) {
@@ -303,8 +324,7 @@ void bind_meshes(nb::module_ &m) {
         }, "vertices"_a, "faces"_a);
     m.def("closest_on_meshes", [](std::vector<const TriangleMesh *> meshes, Placements placements, Points points, float reach, int threads) {
         require(placements.shape(0) == meshes.size(), "one placement per mesh is needed");
-        std::vector<Rigid> T;
-        for (size_t i = 0; i < meshes.size(); ++i) T.push_back(read_placement(placements.data() + 16 * i));
+        const std::vector<Rigid> T = read_placements(placements);
         std::vector<Vec> closest = copied(points);
         std::vector<int> owner(closest.size(), -1);
         {
@@ -532,13 +552,7 @@ void bind_search(nb::module_ &m) {
             return write_configurations(self.model, configurations);
         }, "bases"_a, "values"_a, "points"_a, "iterations"_a, "sigma_first"_a, "sigma_last"_a, "support_weight"_a, "part_weights"_a)
         .def("assign", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
-            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
-            std::vector<Rigid> T;
-            std::vector<uint8_t> used;
-            for (int p = 0; p < self.model.parts; ++p) {
-                T.push_back(read_placement(placements.data() + 16 * p));
-                used.push_back(mask.data()[p] && self.model.surface[p].exists);
-            }
+            const PlacedParts placed(self.model, placements, mask);
             Assignment a;
             {
                 nb::gil_scoped_release release;
@@ -546,28 +560,22 @@ void bind_search(nb::module_ &m) {
                 a.distance.resize(count), a.part.resize(count), a.sample.resize(count);
                 parallel_for((count + block - 1) / block, self.options.threads, [&](int64_t b) {
                     const int64_t from = b * block, size = std::min(block, count - from);
-                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, T.data(), used.data(), cap);
+                    const Assignment piece = self.assign({vectors(points) + from, 1, size}, placed.T.data(), placed.used.data(), cap);
                     std::copy(piece.distance.begin(), piece.distance.end(), a.distance.begin() + from);
                     std::copy(piece.part.begin(), piece.part.end(), a.part.begin() + from);
                     std::copy(piece.sample.begin(), piece.sample.end(), a.sample.begin() + from);
                 });
             }
-            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+            return write_assignment(std::move(a));
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("owners", [](const Search &self, Placements placements, Bytes mask, float cap) {
-            require(int(placements.shape(0)) == self.model.parts && int(mask.shape(0)) == self.model.parts, "one placement per part is needed");
-            std::vector<Rigid> T;
-            std::vector<uint8_t> used;
-            for (int p = 0; p < self.model.parts; ++p) {
-                T.push_back(read_placement(placements.data() + 16 * p));
-                used.push_back(mask.data()[p] && self.model.surface[p].exists);
-            }
+            const PlacedParts placed(self.model, placements, mask);
             Assignment a;
             {
                 nb::gil_scoped_release release;
-                a = self.owners(T.data(), used.data(), cap);
+                a = self.owners(placed.T.data(), placed.used.data(), cap);
             }
-            return nb::make_tuple(to_numpy(std::move(a.distance)), to_numpy(std::move(a.part)), to_numpy(std::move(a.sample)));
+            return write_assignment(std::move(a));
         }, "placements"_a, "mask"_a, "cap"_a)
         .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
             const size_t count = normals.shape(0);
@@ -584,9 +592,8 @@ void bind_search(nb::module_ &m) {
         .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
             const size_t n = self.model.parts;
             require(placements.shape(0) % n == 0 && mask.shape(0) == n, "one placement per part is needed");
-            std::vector<Rigid> T;
+            const std::vector<Rigid> T = read_placements(placements);
             std::vector<uint8_t> used;
-            for (size_t i = 0; i < placements.shape(0); ++i) T.push_back(read_placement(placements.data() + 16 * i));
             for (size_t p = 0; p < n; ++p) used.push_back(mask.data()[p] && self.model.surface[p].exists);
             const size_t count = T.size() / n;
             std::vector<float> out(count * points.shape(0));
@@ -597,18 +604,14 @@ void bind_search(nb::module_ &m) {
             return to_numpy(std::move(out), {count, points.shape(0)});
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("in_sight", [](const Search &self, Placements placements, float distance, float cosine) {
-            const size_t n = self.model.parts;
-            require(placements.shape(0) == n, "one placement per part is needed");
-            std::vector<Rigid> T;
-            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            const std::vector<Rigid> T = part_placements(self.model, placements);
             Search::Sight sight = self.in_sight(T, distance, cosine);
             return nb::make_tuple(to_numpy(std::move(sight.shown)), to_numpy(std::move(sight.confirmed)));
         }, "placements"_a, "distance"_a, "cosine"_a)
         .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;
-            require(placements.shape(0) == n && part_weights.shape(0) == n, "one placement and one weight per part are needed");
-            std::vector<Rigid> T;
-            for (size_t p = 0; p < n; ++p) T.push_back(read_placement(placements.data() + 16 * p));
+            require(part_weights.shape(0) == n, "one weight per part is needed");
+            const std::vector<Rigid> T = part_placements(self.model, placements);
             require(points.shape(0) == normals.shape(0) && points.shape(0) > 0, "points and normals differ in length");
             std::vector<OrientedPoint> sampled;
             for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
@@ -622,13 +625,6 @@ void bind_search(nb::module_ &m) {
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
         }, "placements"_a, "points"_a, "normals"_a, "sigma"_a, "cap"_a, "support_weight"_a, "part_weights"_a, "along_rays"_a);
-}
-
-std::vector<Rigid> part_placements(const Articulated &model, const Placements &placements) {
-    require(int(placements.shape(0)) == model.parts, "one placement per part is needed");
-    std::vector<Rigid> T;
-    for (int p = 0; p < model.parts; ++p) T.push_back(read_placement(placements.data() + 16 * p));
-    return T;
 }
 
 void bind_mixture(nb::module_ &m) {

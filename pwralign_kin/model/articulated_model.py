@@ -6,7 +6,7 @@ import dataclasses
 import logging
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
 from pwralign_kin.model.packages import PackageFolders, package_folders
-from pwralign_kin.model.part_graph import Part, PartGraph, Weld, assemble_parts, joint_motion, weld_links
+from pwralign_kin.model.part_graph import Part, Weld, assemble_parts, joint_motion, weld_links
 from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
 from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
 from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
@@ -50,7 +50,7 @@ class ArticulatedModel:
     root_link: str
     """The link whose frame is the root frame; a state places it unless it names another link."""
 
-    parts: tuple[Part, ...] = field(repr=False)
+    parts: tuple[Part, ...]
     """parts[0] is the root; parents come before their children."""
 
     joint_names: tuple[str, ...]
@@ -85,26 +85,29 @@ class ArticulatedModel:
     warnings: tuple[str, ...]
     """What was mended on reading."""
 
-    source: bytes = field(repr=False)
+    source: bytes
     """The URDF as its author wrote it, with its comments; for a xacro, what it expands to."""
 
-    normalised_urdf: str = field(repr=False)
+    normalised_urdf: str
     """The URDF as understood: mended, planar and floating joints expanded, mimic chains resolved."""
 
-    content_key: str = field(repr=False)
+    content_key: str
     """Changes with the normalised URDF, the mesh files and the options, not with the folder they are in."""
 
-    graph: PartGraph = field(repr=False)
-    """The parts as a graph walkable both ways."""
-
-    kinematics: Kinematics = field(repr=False)
+    kinematics: Kinematics
     """Pinocchio's model of the URDF."""
 
-    package_dirs: PackageFolders = field(repr=False)
+    package_dirs: PackageFolders
     """Folders that were given for the URDF's packages and meshes."""
 
-    T_part_link: Mapping[str, tuple[int, Array]] = field(repr=False)
+    T_part_link: Mapping[str, tuple[int, Array]]
     """By link: the index of its part, and its (4, 4) placement in that part's frame."""
+
+    def __repr__(self) -> str:
+        """Return one line: name, joints and their limits, size."""
+        limits = zip(self.joint_names, self.lower, self.upper, strict=True)
+        joints = ", ".join(f"{name} {low:.3g}..{high:.3g} {self.units[name]}" for name, low, high in limits)
+        return f"ArticulatedModel({self.name}: {len(self.parts)} parts, {self.diagonal:.3g} m; {joints or 'no joints'})"
 
     @classmethod
     def from_urdf(
@@ -183,7 +186,6 @@ class ArticulatedModel:
             source=description.source,
             normalised_urdf=xml,
             content_key=cache.content_key(xml, shapes.key),
-            graph=PartGraph(parts),
             kinematics=Kinematics(xml, path, [part.joint for part in parts], len(actuated)),
             package_dirs=package_dirs,
             T_part_link={

@@ -32,7 +32,7 @@ Arrays = dict[str, NDArray[Any]]
 
 _MAGIC = b"pwralign-arrays-1\n"
 _PREFIX = struct.Struct("<QI32s")  # header length, checksum of the data, digest of the header
-_ALIGNMENT = 64
+_ALIGNMENT = 64  # bytes, a cache line: arrays are used where they are read to
 
 
 def cache_dir() -> Path:

@@ -13,9 +13,11 @@ from pwralign_kin.se3 import Array
 Float = NDArray[np.float32]
 
 TRIALS = 100
+"""Planes through a random point and its normal that each face is chosen from."""
 FACING = 0.9
 """Least cosine between the normals of a face and of its points."""
 MOST_FACES, FEWEST_POINTS = 12, 8
+"""Faces of a part at most, and samples on each at least."""
 TURNS = 45
 """Directions within a right angle in which the least rectangle is looked for."""
 

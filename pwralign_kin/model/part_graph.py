@@ -1,8 +1,8 @@
-"""Rigid parts (links welded by fixed joints) and the moving joints between them, walkable both ways."""
+"""Rigid parts (links welded by fixed joints) and the moving joints between them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,49 +96,6 @@ def joint_motion(kind: str, axis: Array, value: float) -> Array:
     else:
         T[:3, :3] = se3.rotation_about(axis, value)
     return T
-
-
-class PartGraph:
-    """The tree of parts, walkable from any part in any direction."""
-
-    def __init__(self, parts: Sequence[Part]) -> None:
-        """Connect the parts over their joints."""
-        self.parts = tuple(parts)
-        self._neighbours: list[list[tuple[int, MovingJoint]]] = [[] for _ in parts]
-        for index, part in enumerate(self.parts):
-            if part.joint is not None:
-                self._neighbours[index].append((part.parent, part.joint))
-                self._neighbours[part.parent].append((index, part.joint))
-
-    def neighbours(self, part: int) -> tuple[tuple[int, MovingJoint], ...]:
-        """Return (neighbour's index, joint between) of the part, its parent first."""
-        return tuple(self._neighbours[part])
-
-    def walk(self, start: int) -> Iterator[tuple[int, int, MovingJoint]]:
-        """Yield (from part, to part, joint) outwards from `start` until every other part was reached once.
-
-        Of the parts that can be reached next, the largest comes first.
-        """
-        reached, front = {start}, [(start, *step) for step in self._neighbours[start]]
-        while front:
-            front.sort(key=lambda step: -self.parts[step[1]].size)
-            origin, part, joint = front.pop(0)
-            reached.add(part)
-            yield origin, part, joint
-            front.extend((part, *step) for step in self._neighbours[part] if step[0] not in reached)
-
-    def by_size(self) -> tuple[int, ...]:
-        """Return the indices of the parts that have geometry, largest first."""
-        order = sorted(range(len(self.parts)), key=lambda index: -self.parts[index].size)
-        return tuple(index for index in order if len(self.parts[index].faces))
-
-    def beyond(self, part: int) -> tuple[int, ...]:
-        """Return the indices of `part` and of all parts that hang from it."""
-        inside = {part}
-        for index, candidate in enumerate(self.parts):
-            if candidate.parent in inside:
-                inside.add(index)
-        return tuple(sorted(inside))
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 Float = NDArray[np.float32]
 
 VERSION = 11  # part of the cache key: raise it when the preparation changes
-COARSE_SAMPLES = 160
+COARSE_SAMPLES = 160  # of a part, the first of its samples: spread over all of it
 PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
-MOST_DENSE_SAMPLES = 30000
+MOST_DENSE_SAMPLES = 30000  # of a part: what the closest of points of a scan is told from
 NORMAL_RADIUS = 0.025  # about that of the neighbourhoods that normals of scans are of
 GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
-GRID_BAND = 0.07
-CONFIGURATIONS = 12
-REACH_CONFIGURATIONS = 60
-DIRECTIONS = 14
+GRID_BAND = 0.07  # how far around a part the grid tells its closest sample
+CONFIGURATIONS = 12  # random ones, in which each sample is looked at ...
+DIRECTIONS = 14  # ... from so many sides
+REACH_CONFIGURATIONS = 60  # random ones, that tell how far the model reaches
 SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
 LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
 FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face

@@ -33,7 +33,9 @@ WORTH_MEASURING = 3.0
 ALIKE_SIZE, ALIKE_AREA = 0.03, 0.1
 """Relative differences of size and visible area up to which parts are compared at all."""
 ALIGNMENTS = 6
+"""Steps at most in which a motion is aligned."""
 PROBES, FEW_PROBES = 150, 30
+"""Samples of a part that a motion is measured with, and with which it is seen whether that is worth it."""
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,6 @@ class _Reader:
         self.geometry = geometry
         self.faults: list[str] = []
         self.warnings: list[str] = []
-        self.without_effort: list[str] = []
         self.without_limits: list[str] = []
         self.materials: dict[str, Color] = {}
 
@@ -92,12 +91,8 @@ class _Reader:
         self._check_names("joint", [joint.name for joint in joints])
         root = self._check_tree([link.name for link in links], joints)
         joints = self._resolve_mimics(joints)
-        for problem, names in (
-            ("no limits, taken as -pi..pi", self.without_limits),
-            ("limits without effort or velocity, taken as 0", self.without_effort),
-        ):
-            if names:
-                self.warnings.append(f"{problem}: {', '.join(map(repr, names))}")
+        if self.without_limits:
+            self.warnings.append(f"no limits, taken as -pi..pi: {', '.join(map(repr, self.without_limits))}")
         if self.faults or root is None:
             raise ModelError(path, self.faults)
         return Description(name, tuple(links), tuple(joints), root, tuple(self.warnings))
@@ -247,8 +242,6 @@ class _Reader:
 
     def _limited(self, joint: Joint, element: Element | None, where: str) -> Joint:
         """The joint with its limits, mended. Whatever mimics and has no limits of its own is unlimited."""
-        if element is not None and not {"effort", "velocity"} <= set(element.keys()):
-            self.without_effort.append(joint.name)
         if joint.kind == "continuous":
             return joint
         lower, upper = self._limit(element, "lower", where), self._limit(element, "upper", where)

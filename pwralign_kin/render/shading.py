@@ -13,7 +13,7 @@ from pwralign_kin.render.samples import SAMPLES_PER_PIXEL, Samples
 
 _BEND, _STEP = 0.7, 0.03  # cosine between normals and step in depth (of the diagonal) that make a line
 
-_OCCLUSION_RAYS, _COARSE = 12, 3
+_OCCLUSION_RAYS, _COARSE = 12, 3  # from every third pixel in each direction; the others are interpolated
 
 _STRIPES, _STRIPED = 9.0, 0.62  # pixels from stripe to stripe, and how white they are
 

@@ -4,7 +4,7 @@ from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.frames import read_frames
 from pwralign_kin.scan.scan import METRES, DepthCamera, Scan
 from pwralign_kin.scan.timed_frame import FrameOptions
-from pwralign_kin.scan.units import check_named_unit, check_units, likely_unit
+from pwralign_kin.scan.units import check_named_unit, check_units, likely_unit, warn_of_rounding
 from pwralign_kin.scan.writers import write_ply
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "check_units",
     "likely_unit",
     "read_frames",
+    "warn_of_rounding",
     "write_ply",
 ]

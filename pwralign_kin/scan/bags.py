@@ -80,9 +80,11 @@ def _topic(reader: Any, path: Path, options: FrameOptions) -> str:
         if options.topic not in valid:
             raise UnknownNameError("topic of point clouds or images", options.topic, valid)
         return options.topic
-    if len(valid) != 1:
-        there = ", ".join(valid) or "none"
-        raise ScanError(path, f"name the topic of the point clouds or depth images; there are: {there}")
+    if not valid:
+        there = ", ".join(sorted(f"{one.topic} ({one.msgtype})" for one in reader.connections)) or "nothing"
+        raise ScanError(path, f"holds neither point clouds ({CLOUD}) nor depth images ({IMAGE}), but {there}")
+    if len(valid) > 1:
+        raise ScanError(path, f"name the topic of the point clouds or depth images; there are: {', '.join(valid)}")
     return valid[0]
 
 

@@ -91,6 +91,12 @@ class DepthFrame:
         T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
         return cls(depth.astype(np.uint16), checked_intrinsics(intrinsics, str(path)), T, scale, path)
 
+    def __repr__(self) -> str:
+        """Return one line: source, pixels, focal length (pixels)."""
+        height, width = self.depth.shape
+        pixels, focal = f"{width} x {height} {self.depth.dtype} pixels", self.intrinsics[0, 0]
+        return f"DepthFrame({self.source}: {pixels}, focal length {focal:.4g})"
+
     @property
     def metres(self) -> float:
         """What multiplies `depth` to make it metres."""

@@ -66,7 +66,7 @@ def read_frames(paths: Sequence[Path | str], options: FrameOptions | None = None
             return _files(_in_folder(only), own)
         if only.suffix.lower() == ".npz" and only.exists():
             archive = readers.numpy_content(only.read_bytes(), only, b"PK")
-            if {"counts", "depth"} & set(archive.files):
+            if readers.is_sequence(archive):
                 return _sequence(archive, only, own)
     if not given:
         raise ScanError("frames", "no files given")

@@ -142,7 +142,8 @@ def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> 
             try:
                 float(words[column])
             except ValueError:
-                return f"line {number}: {words[column][:40]!r} is not a number"
+                remedy = ": write decimal points, not commas" if "," in words[column] else ""
+                return f"line {number}: {words[column][:40]!r} is not a number{remedy}"
     return None
 
 
@@ -152,6 +153,8 @@ def _read_npy(data: bytes, path: Path) -> FileContent:
 
 def _read_npz(data: bytes, path: Path) -> FileContent:
     archive = numpy_content(data, path, b"PK")
+    if is_sequence(archive):
+        raise ScanError(path, f"a sequence of several frames, not one scan{_SEQUENCE}")
     known = ("points", "sensor_origin", "normals")
     arrays = {name: member(archive, name, path) for name in known if name in archive.files}
     if "points" not in arrays:
@@ -171,6 +174,11 @@ def _only_points(archive: Any, path: Path) -> NDArray[Any]:
         listed = ", ".join(f"{name} {array.shape}" for name, array in own.items()) or "none"
         raise ScanError(path, f"no array named points, and not one alone of the shape (n, 3); the file has {listed}")
     return clouds[0]
+
+
+def is_sequence(archive: Any) -> bool:
+    """Return whether an opened .npz holds the frames of a sequence (see `read_frames`), not one scan."""
+    return bool({"counts", "depth"} & set(archive.files))
 
 
 def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
@@ -211,11 +219,16 @@ def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
 
 
 _IMAGE = "; a 16-bit PNG depth image is read with its camera's intrinsics (--intrinsics, or `DepthFrame.load`)"
+_SEQUENCE = "; `pwralign track` follows a model through it (`read_frames` reads it)"
+_BAG = f"; a ROS 2 bag is no single scan{_SEQUENCE}"
+_OLD_BAG = "; convert a ROS 1 bag to ROS 2: rosbags-convert --src SCAN --dst recording"
 _SURVEY = "; convert it to PLY, with CloudCompare or PDAL: pdal translate SCAN scan.ply"
 _MESH = "; convert it to PLY or GLB, with MeshLab, Blender or trimesh: trimesh.load(SCAN).export('scan.ply')"
 
 _WAYS_OUT = {
     **dict.fromkeys((".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr"), _IMAGE),
+    **dict.fromkeys((".mcap", ".db3"), _BAG),
+    ".bag": _OLD_BAG,
     **dict.fromkeys((".las", ".laz", ".e57", ".ptx"), _SURVEY),
     **dict.fromkeys((".off", ".gltf", ".dae", ".fbx", ".3mf"), _MESH),
 }

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -220,7 +221,12 @@ class Scan:
         return max(_step(np.unique(coordinate)) for coordinate in sample.T)
 
     def scaled(self, factor: float) -> Scan:
-        """Return the scan with all lengths multiplied by `factor`; it loses its depth camera."""
+        """Return the scan with all lengths multiplied by `factor`; it loses its depth camera.
+
+        Raises `ScanError` for a factor that is not positive and finite.
+        """
+        if not isinstance(factor, Real) or not 0.0 < factor < np.inf:
+            raise ScanError(self.source, f"lengths are multiplied by a positive number, not {factor!r}")
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
         return self._derived(np.arange(len(self.points)), factor * self.points, origin)
 

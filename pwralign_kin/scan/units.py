@@ -1,4 +1,4 @@
-"""In which unit is a scan? Only the model beside it can tell."""
+"""In which unit is a scan, and is it fine enough? Only the model beside it can tell."""
 
 from __future__ import annotations
 
@@ -29,6 +29,10 @@ SPECK = 0.02
 MAX_RELATIVE_SPACING = 0.1
 """With neighbours farther apart than this share of the diagonal, fewer than about a hundred points show the
 model."""
+
+COARSE = 0.03
+"""Step that coordinates are rounded to, model diagonals, from which a caller is told: at 0.03 all of three robots were
+found, at 0.05 with doubts, at 0.1 none."""
 
 
 def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
@@ -87,6 +91,22 @@ def likely_unit(scan: Scan, model_diagonal: float) -> str:
     if not off or _spacing(scan) <= MAX_RELATIVE_SPACING * model_diagonal:
         return "m"
     return min(off, key=off.__getitem__)
+
+
+def warn_of_rounding(scan: Scan, model_diagonal: float) -> None:
+    """Log that the coordinates of a scan, m, are too coarse for the model, and whether single precision is to blame."""
+    step = scan.rounding()
+    if step < COARSE * model_diagonal:
+        return
+    farthest = float(np.abs(scan.points).max())
+    cause = ""
+    if step <= np.spacing(np.float32(farthest)):
+        cause = (
+            f": single precision tells no more {farthest:.3g} m from the origin; subtract an offset before it is "
+            "stored, or store double precision"
+        )
+    share = 100.0 * step / model_diagonal
+    logger.warning("%s: coordinates are rounded to %.3g m, %.0f%% of the model%s", scan.source, step, share, cause)
 
 
 def _spacing(scan: Scan) -> float:

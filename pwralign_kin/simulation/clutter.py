@@ -7,11 +7,11 @@ import numpy as np
 from pwralign_kin.se3 import Array
 from pwralign_kin.simulation.raycasting import Body
 
-_SOLID_SIZES = (0.15, 0.3)
-_GAPS = (0.03, 0.15)
-_TABLE_MARGIN = 0.05
-_TABLE_THICKNESS = 0.03
-_TABLE_GAP = 0.01
+_SOLID_SIZES, _GAPS = (0.15, 0.3), (0.03, 0.15)
+"""Least and largest size of the solids, and gap between them and the model, model diagonals."""
+
+_TABLE_MARGIN, _TABLE_THICKNESS, _TABLE_GAP = 0.05, 0.03, 0.01
+"""How far the table reaches beyond what is on it, how thick it is, and how far below the model, model diagonals."""
 
 
 def table_and_solids(vertices: Array, diagonal: float, rng: np.random.Generator) -> list[Body]:

@@ -26,8 +26,9 @@ _PLACEMENT_RANGE = 2.0
 _CLEARANCE = 1.3
 """A camera stays this many radii of the scene's sphere away from its middle."""
 
-_TRIAL_PIXELS = 16_000
-_MAX_PIXELS = 2_000_000
+_TRIAL_PIXELS, _MAX_PIXELS = 16_000, 2_000_000
+"""Pixels of a first image, which tells how many show the model, and at most of the one that the scan is made from."""
+
 _OVERSAMPLING = 3.0
 """Rays that hit per point kept, so that the pixel grid does not show in the scan."""
 
@@ -35,6 +36,7 @@ EDGE_JUMP = 0.02
 """Neighbouring pixels farther apart in depth than this share of the diagonal form a depth edge."""
 
 _STRAY_MARGIN = 0.25
+"""Stray points are drawn from the box of the points on the model and so much around it, diagonals."""
 
 _WAVES, _WAVE_LENGTH = 8, 0.4
 """Waves, and their usual length (diagonals), that a bent surface is made of."""

@@ -157,7 +157,8 @@ def checked(frame: Frame) -> Frame:
         return frame
     points = np.asarray(frame)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise ScanError("frame", f"expected a Scan, a DepthFrame or points (n, 3), got shape {points.shape}")
+        got = f"{points.dtype} of shape {points.shape}"
+        raise ScanError("frame", f"expected a Scan, a DepthFrame or floating-point points (n, 3), got {got}")
     return np.ascontiguousarray(points, np.float32 if points.dtype == np.float32 else np.float64)
 
 

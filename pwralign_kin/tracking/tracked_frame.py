@@ -44,6 +44,12 @@ class TrackedFrame:
     """(6 + k, 6 + k) covariance of the base (rotation vector about its origin in scan axes, rad; translation, m) and of
     the joints (rad or m); None unless asked for, and where the model is not seen."""
 
+    def __repr__(self) -> str:
+        """Return one line: when, how sure the answer is, and the answer."""
+        undetermined = f"undetermined: {', '.join(self.undetermined)}; " * bool(self.undetermined)
+        sure = "lost" if self.lost else f"confidence {self.confidence:.2f}"
+        return f"TrackedFrame({self.time:g} s: {sure}; {undetermined}{self.state!r})"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the frame as a JSON object."""
         return {

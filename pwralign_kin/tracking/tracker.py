@@ -128,9 +128,10 @@ class Tracker:
         which the model is not seen.
         """
         start = clock.perf_counter()
-        late = isinstance(time, Real) and np.isfinite(time) and (self._motion is None or time > self._motion.time)
-        if not late:
-            raise ScanError("track", f"a frame at {time!r} s is not later than the one before")
+        if not isinstance(time, Real) or not np.isfinite(time):
+            raise ScanError("track", f"the time of a frame is a finite number of seconds, not {time!r}")
+        if self._motion is not None and time <= self._motion.time:
+            raise ScanError("track", f"a frame at {time!r} s is not later than the one before, {self._motion.time!r} s")
         frame = checked(frame)
         if self._motion is None:
             before, fit = self._first(frame, time)

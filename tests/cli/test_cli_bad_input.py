@@ -114,12 +114,8 @@ def test_a_model_without_geometry(tmp_path: Path, cloud: Path, refused: Callable
 
 @pytest.mark.parametrize(
     ("head", "limit"),
-    [
-        ("<robot>", LIMIT),
-        ('<robot name="arm">', ""),
-        ('<robot name="arm">', '<limit lower="-1.2" upper="1.2"/>'),
-    ],
-    ids=["no name", "no limits", "no effort and velocity"],
+    [("<robot>", LIMIT), ('<robot name="arm">', "")],
+    ids=["no name", "no limits"],
 )
 def test_small_faults_of_a_urdf_are_mended_with_a_warning(
     head: str, limit: str, write_arm: Callable[..., Path], scan: Path, pwralign: Call

@@ -17,7 +17,7 @@ from command_line import Call
 
 from pwralign_kin import State, dependencies
 from pwralign_kin.cli import EXAMPLES, VERBS
-from pwralign_kin.cli.simulate import simulate
+from pwralign_kin.cli.simulate import SensorOptions
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
@@ -199,6 +199,21 @@ def test_inspect_guesses_the_unit_of_a_scan(
     assert "3000" in outcome.out
 
 
+def test_inspect_tells_the_scale_of_a_depth_image(arm: Path, tmp_path: Path, pwralign: Call) -> None:
+    from PIL import Image
+
+    depth = np.full((60, 80), 1000, np.uint16)
+    depth[20:40, 30:50] = 1300
+    Image.fromarray(depth).save(tmp_path / "x.png")
+    for scale, words in (
+        ("1", "its --depth-scale is 0.001 times"),
+        ("0.008", "depth in another unit: give --depth-scale"),
+    ):
+        camera = ["--intrinsics", "60", "60", "39.5", "29.5", "--depth-scale", scale]
+        outcome = pwralign("inspect", arm, tmp_path / "x.png", *camera)
+        assert words in outcome.out and "--units" not in outcome.out, outcome.out
+
+
 def test_simulate_poses_the_model_as_asked(arm: Path, tmp_path: Path, pwralign: Call) -> None:
     state = State(joints={"shoulder": 0.1, "elbow": 0.2})
     state.save(tmp_path / "state.json")
@@ -231,7 +246,7 @@ def test_simulate_puts_the_model_in_a_room(arm: Path, tmp_path: Path, pwralign: 
 
 
 def test_simulate_offers_every_tier() -> None:
-    tiers, none = get_args(get_type_hints(simulate, include_extras=False)["tier"])
+    tiers, none = get_args(get_type_hints(SensorOptions, include_extras=False)["tier"])
     assert set(get_args(tiers)) == set(TIERS) and none is type(None)
 
 

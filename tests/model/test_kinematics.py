@@ -1,4 +1,4 @@
-"""Kinematics against yourdfpy, Pinocchio, CasADi and finite differences: 12 robots and random trees."""
+"""Kinematics against yourdfpy, Pinocchio and finite differences: 12 robots and random trees."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from urdf_text import joint, link, mimic
 from pwralign_kin import se3
 from pwralign_kin.exceptions import StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.model.symbolic import placement_function
 from pwralign_kin.state import State
 
 logging.getLogger("yourdfpy").setLevel(logging.ERROR)
@@ -64,15 +63,6 @@ def check_jacobians(model: ArticulatedModel, rng: np.random.Generator) -> None:
         assert J[:, 3:, index] == pytest.approx(dT[:, :3, 3], abs=1e-7)
 
 
-def check_symbols(model: ArticulatedModel, rng: np.random.Generator) -> None:
-    function = placement_function(model.kinematics)
-    for round_ in range(5):
-        values = rng.uniform(model.lower, model.upper)
-        base = rng.normal(size=6) * (0.0, 1e-9, 1e-4, 1.0, 3.0)[round_]
-        symbolic = np.array(function(base, values)).reshape(4, -1, 4).transpose(1, 0, 2)
-        assert symbolic == pytest.approx(se3.exp(base) @ model.part_placements(values), abs=1e-9)
-
-
 # ---- the 12 robots
 
 
@@ -82,7 +72,6 @@ def test_robots(robot: Path, rng: np.random.Generator) -> None:
     check_against_yourdfpy(model, opinion, rng)
     check_against_yourdfpy(model, second_opinion(model), rng)
     check_jacobians(model, rng)
-    check_symbols(model, rng)
     check_geometry(model, opinion)
 
 
@@ -152,7 +141,6 @@ def test_random_trees(read: Callable[..., ArticulatedModel], seed: int) -> None:
     assert model.parts[0].parent == -1 and all(part.parent < index for index, part in enumerate(model.parts))
     check_against_yourdfpy(model, second_opinion(model), rng)
     check_jacobians(model, rng)
-    check_symbols(model, rng)
 
 
 @pytest.mark.parametrize("links", [2, 3])
@@ -230,7 +218,7 @@ def test_root_placement_of_any_base_link(arm: ArticulatedModel, rng: np.random.G
 
 def test_models_are_told_apart_and_print_short(arm: ArticulatedModel) -> None:
     assert len({arm, arm}) == 1 and arm == arm and arm != pickle.loads(pickle.dumps(arm))
-    assert "j1" in repr(arm) and len(repr(arm)) < 3000
+    assert "j1" in repr(arm) and "\n" not in repr(arm) and len(repr(arm)) < 3000
 
 
 def test_models_survive_pickling_and_threads(arm: ArticulatedModel, rng: np.random.Generator) -> None:

@@ -70,40 +70,6 @@ def test_a_part_holds_the_geometry_of_all_its_links(tree: ArticulatedModel) -> N
     )
 
 
-def test_neighbours_both_ways(tree: ArticulatedModel) -> None:
-    names = [
-        [(tree.parts[part].name, joint.name) for part, joint in tree.graph.neighbours(index)] for index in range(4)
-    ]
-    assert names == [
-        [("leg", "hip"), ("arm", "shoulder")],
-        [("base", "hip")],
-        [("base", "shoulder"), ("finger", "grip")],
-        [("arm", "grip")],
-    ]
-
-
-def test_by_size(tree: ArticulatedModel) -> None:
-    assert tree.graph.by_size() == (3, 0, 1, 2)
-
-
-@pytest.mark.parametrize("start", range(4))
-def test_walking_reaches_every_part_once(tree: ArticulatedModel, start: int) -> None:
-    reached = [start]
-    for origin_part, part, between in tree.graph.walk(start):
-        assert origin_part in reached and part not in reached
-        assert between in (tree.parts[part].joint, tree.parts[origin_part].joint)
-        reached.append(part)
-    assert sorted(reached) == [0, 1, 2, 3]
-
-
-def test_walking_takes_the_largest_first(tree: ArticulatedModel) -> None:
-    assert [part for _, part, _ in tree.graph.walk(2)] == [3, 0, 1]
-
-
-def test_beyond(tree: ArticulatedModel) -> None:
-    assert [tree.graph.beyond(index) for index in range(4)] == [(0, 1, 2, 3), (1,), (2, 3), (3,)]
-
-
 def test_placements_follow_from_the_joints_alone(read: Read, rng: np.random.Generator) -> None:
     """The invariant that compiled kinematics relies on."""
     contents = [

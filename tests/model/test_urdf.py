@@ -81,10 +81,10 @@ def test_endless_limits(read: Read, endless: str) -> None:
     assert (model.lower[1], model.upper[1]) == pytest.approx((1 - 2 * math.pi, 1))
 
 
-def test_limits_without_effort_and_velocity(read: Read) -> None:
+def test_limits_need_neither_effort_nor_velocity(read: Read) -> None:
     model = read(chain('<limit lower="-0.5" upper="0.25"/>', '<limit lower="0" upper="2" effort="1"/>'))
     assert model.lower.tolist() == [-0.5, 0.0] and model.upper.tolist() == [0.25, 2.0]
-    assert "'j1', 'j2'" in the_warning(model)
+    assert model.warnings == ()
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,18 @@ def test_bags(plugin: str, tmp_path: Path) -> None:
         list(read_frames([tmp_path / "bag"], FrameOptions(topic="/point")))
 
 
+def test_a_bag_without_clouds_or_images_says_what_it_holds(tmp_path: Path) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the ros extra is not installed")
+    from rosbags.typesys import Stores, get_typestore
+
+    store, name = get_typestore(Stores.ROS2_HUMBLE), "std_msgs/msg/String"
+    with rosbag2.Writer(tmp_path / "bag", version=9) as writer:
+        connection = writer.add_connection("/chatter", name, typestore=store)
+        writer.write(connection, 1, store.serialize_cdr(store.types[name]("hello"), name))
+    with pytest.raises(ScanError, match=r"neither point clouds .* but /chatter \(std_msgs/msg/String\)"):
+        list(read_frames([tmp_path / "bag"]))
+
+
 def test_a_broken_bag(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="the ros extra is not installed")
     (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))

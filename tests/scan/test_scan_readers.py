@@ -574,9 +574,30 @@ def test_points_of_an_archive_by_any_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("a.las", "PDAL"), ("a.LAZ", "PDAL"), ("a.e57", "CloudCompare"), ("a.off", "trimesh")]
+    ("name", "words"),
+    [
+        ("a.las", "PDAL"),
+        ("a.LAZ", "PDAL"),
+        ("a.e57", "CloudCompare"),
+        ("a.off", "trimesh"),
+        ("a.mcap", "pwralign track"),
+        ("a.bag", "rosbags-convert"),
+    ],
 )
 def test_other_formats_say_what_converts_them(tmp_path: Path, name: str, words: str) -> None:
     (tmp_path / name).write_bytes(b"any")
     with pytest.raises(ScanError, match=words):
         Scan.load(tmp_path / name)
+
+
+def test_a_sequence_of_frames_is_no_scan(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(0).random((50, 3))
+    np.savez(tmp_path / "sequence.npz", points=cloud, counts=[20, 30])
+    with pytest.raises(ScanError, match="pwralign track"):
+        Scan.load(tmp_path / "sequence.npz")
+
+
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("0,1;0,2;0,3\n" * 20)
+    with pytest.raises(ScanError, match="line 1: '0,1' is not a number: write decimal points"):
+        Scan.load(tmp_path / "a.csv")

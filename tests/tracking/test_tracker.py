@@ -148,8 +148,13 @@ def test_faults(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracker.update(moving[0].images[0], 1.0)
     with pytest.raises(ScanError, match="not later"):
         tracker.update(moving[1].images[0], 1.0)
+    for no_time in ("now", float("nan"), None):
+        with pytest.raises(ScanError, match="finite number of seconds"):
+            tracker.update(moving[1].images[0], no_time)
     with pytest.raises(ScanError, match=r"points \(n, 3\)"):
         tracker.update(np.zeros((5, 2)), 2.0)
+    with pytest.raises(ScanError, match="int64"):
+        tracker.update(np.zeros((5, 3), np.int64), 2.0)
 
 
 def test_motion_goes_on_as_fast_as_it_went() -> None:

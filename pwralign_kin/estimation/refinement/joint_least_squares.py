@@ -117,8 +117,6 @@ class Problem:
     """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
     counts: NDArray[np.int32]
     """(parts,) correspondences per part."""
-    gradients: Array
-    """(parts, 6) right-hand side of every part in twist space: `g` is the sum of J' gradients."""
     prior: Prior
     """What is known beforehand; `H` and `g` are of the scan alone."""
     sigma: float
@@ -266,7 +264,7 @@ class JointLeastSquares:
         information, part_g = information + outline[0], part_g + outline[1]
         H = normal_matrix(full, information)
         g = np.einsum("pia,pi->a", full, part_g)
-        return Problem(H, g, information, mass, full, counts, part_g, self.prior(base, values), sigma)
+        return Problem(H, g, information, mass, full, counts, self.prior(base, values), sigma)
 
     def prior(self, base: Array, values: Array) -> Prior:
         """Return what is known beforehand at a configuration."""

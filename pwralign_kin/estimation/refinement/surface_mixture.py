@@ -37,6 +37,7 @@ DIRECTIONS, UNSEEN = 24, 0.1
 FIRST_STRAYS, LEAST_STRAYS, MOST_STRAYS = 0.05, 0.002, 0.95
 """Share of the points that are strays, at first and at least and at most."""
 STEPS = 20
+"""Steps at most."""
 LITTLE = 0.1
 """A step is the last when it gains this log-likelihood, or when no more could be gained: the answer then lies within
 half of its standard deviations from the best."""

@@ -7,15 +7,16 @@ small parts judges each of them on little evidence; a vote skips them and judges
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.region_of_interest import path_between, region_of_interest
+from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.se3 import transform
+from pwralign_kin.se3 import Array, transform
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,6 @@ class VoteOptions:
     """Parts that explain too little, largest lack first, that votes are cast for."""
     points: int = 200
     """Unexplained points that pairs are drawn about."""
-    scene_points: int = 200
-    """The same in a scene."""
     explained_weight: float = 0.3
     """Weight of all other points in the score of a placement."""
     placements: int = 5
@@ -72,20 +71,15 @@ def voted(
         return None
     best = int(np.argmax(search.weights * share * right))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
-    ways = {part: path_between(search.parent, part, best) for part in wrong}
-    anchors = {part: [node for node in way[1:] if right[node]][: options.anchors] for part, way in ways.items()}
-    placements = search.part_placements(solution)[0]
-    regions = {
-        (part, anchor): region_of_interest(search, placements, way[: way.index(anchor) + 1])
-        for part, way in ways.items()
-        for anchor in anchors[part]
-    }
     points = search.observation.points
-    widest = [regions[part, anchors[part][-1]] for part in wrong]
+    placements = search.part_placements(solution)[0]
+    ways = {part: path_between(search.parent, part, best) for part in wrong}
+    regions = {part: _regions(search, placements, way, right, options.anchors) for part, way in ways.items()}
+    widest = [list(own.values())[-1] for own in regions.values()]
     found = search.part_hypotheses(
         np.array(wrong, np.int32),
         [np.flatnonzero(unexplained & region.holds(points, search.reach)) for region in widest],
-        options.scene_points if search.observation.scene else options.points,
+        options.points,
         seed,
         options.placements,
         weights,
@@ -93,8 +87,8 @@ def voted(
     tasks = [
         (row, anchor)
         for row, (part, T) in enumerate(zip(found.parts, found.placements, strict=True))
-        for anchor in anchors[int(part)]
-        if regions[int(part), anchor].holds(transform(T, search.surfaces[part].samples), search.reach).all()
+        for anchor, region in regions[int(part)].items()
+        if region.holds(transform(T, search.surfaces[part].samples), search.reach).all()
     ]
     if not tasks:
         return None
@@ -107,6 +101,15 @@ def voted(
         )
     )  # fmt: skip
     return reached if len(reached) else None
+
+
+def _regions(
+    search: TreeSearch, placements: Array, way: Sequence[int], right: NDArray[np.bool_], most: int
+) -> dict[int, Ball]:
+    """Return where a part can be when it is reached from parts that are `right` (parts,), `most` at the most and
+    nearest first, on its `way` to the best explained one; `placements` (parts, 4, 4) are those of all parts."""
+    anchors = [node for node in way[1:] if right[node]][:most]
+    return {anchor: region_of_interest(search, placements, way[: way.index(anchor) + 1]) for anchor in anchors}
 
 
 def misfits(search: TreeSearch, solution: Candidates, options: VoteOptions) -> int:

@@ -21,6 +21,7 @@ Bool = NDArray[np.bool_]
 MARGIN = 30
 """Pixels around the scan's image."""
 MOST_PIXELS = 2.5e5
+"""Of the image that the outline is drawn in: the pixels of a larger one are larger."""
 RIM = 1.5
 """Samples this near to the edge of the model's image (pixels) are on its outline."""
 LEAST_SLOPE = 0.3

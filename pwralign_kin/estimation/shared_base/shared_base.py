@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pwralign_kin import se3
 from pwralign_kin.estimation.answers.answer_search import ranked
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
-from pwralign_kin.estimation.estimator import Estimator, Fit
+from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -27,9 +27,10 @@ from pwralign_kin.estimation.result import Estimate, millimetres, shown
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
+from pwralign_kin.estimation.stages import Fit
 from pwralign_kin.exceptions import StateError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.scan import Scan
+from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
@@ -164,9 +165,8 @@ def estimate_shared_base(
         raise StateError("no scans were given")
     fits = []
     for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True)):
-        estimator = Estimator(model, own, _numbered(progress, i))
-        estimator.warn_of_rounding(scan)
-        fits.append(estimator.fit(scan, guess, pairs))
+        warn_of_rounding(scan, model.diagonal)
+        fits.append(Estimator(model, own, _numbered(progress, i)).fit(scan, guess, pairs))
     if progress is not None:
         progress("consensus")
     fits, starts, outvoted = _consensus(model, fits, options)

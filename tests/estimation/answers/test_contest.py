@@ -10,9 +10,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
-from pwralign_kin.estimation.estimator import Estimator, Fit
+from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.stages import Fit
 from pwralign_kin.se3 import rotation_about
 
 SWIVEL = """

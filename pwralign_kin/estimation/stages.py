@@ -1,0 +1,35 @@
+"""What the stages of an estimate hand to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pwralign_kin.estimation.doubt.observability import Doubt
+from pwralign_kin.estimation.evidence.evidence import Evidence
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.scan import Scan
+from pwralign_kin.se3 import Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One scan searched: the state of an estimate before the joint least squares."""
+
+    scan: Scan
+    solver: JointLeastSquares
+    finished: Candidates
+    """Distinct answers, best first."""
+    prior: Array
+    """(k,) values in search units that joints keep where the scan does not tell."""
+    watch: Stopwatch
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An answer, what the scan does not tell of it, and what speaks for and against it."""
+
+    solution: Solution
+    doubt: Doubt
+    evidence: Evidence
