@@ -29,7 +29,7 @@ from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import at_most
-from pwralign_kin.se3 import Array, exp, inverse, transform
+from pwralign_kin.se3 import Array, exp, inverse
 
 FEW_POINTS = 500
 """Points that the displacement by a probe motion is measured at."""
@@ -116,10 +116,8 @@ def _displaced(
     about = solution.base[:3, 3]
     moved = np.tile(seen, (len(motions), 1, 1))
     for index in np.flatnonzero(np.bincount(part)):
-        own = part == index
-        from_base = seen[own] - about
-        for points, motion in zip(moved, motions @ twists[index].T, strict=True):
-            points[own] = transform(exp(motion), from_base) + about
+        own, T = part == index, exp(motions @ twists[index].T)
+        moved[:, own] = (seen[own] - about) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] + about
     away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
     points = np.ascontiguousarray(moved[away], np.float32)
     closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)
