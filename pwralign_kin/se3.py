@@ -25,10 +25,10 @@ def skew(v: Array) -> Array:
     return out
 
 
-def rotation_about(axis: Array, angle: float) -> Array:
-    """Return the (3, 3) rotation by `angle` (rad) about the unit `axis` (3,) (Rodrigues' formula)."""
-    K = skew(axis)
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
+def rotation_about(axis: Array, angle: Array | float) -> Array:
+    """Return the rotations (..., 3, 3) by `angle` (...) (rad) about the unit `axis` (..., 3) (Rodrigues' formula)."""
+    K, turn = skew(axis), np.asarray(angle)[..., None, None]
+    return np.asarray(np.eye(3) + np.sin(turn) * K + (1.0 - np.cos(turn)) * K @ K)
 
 
 def inverse(T: Array) -> Array:
@@ -47,15 +47,14 @@ def transform(T: Array, points: Array) -> Array:
 
 
 def exp(twist: Array) -> Array:
-    """Return the placement reached by rotating by `twist[:3]` (rad) and translating by `twist[3:]`.
+    """Return the placements (..., 4, 4) reached by rotating by `twist[..., :3]` (rad) and translating by the rest.
 
     Rotation and translation are decoupled (R = exp(w), t = v): the retraction of the least-squares steps.
     """
-    T = np.eye(4)
-    angle = float(np.linalg.norm(twist[:3]))
-    if angle > 0.0:
-        T[:3, :3] = rotation_about(twist[:3] / angle, angle)
-    T[:3, 3] = twist[3:]
+    T = np.zeros((*twist.shape[:-1], 4, 4))
+    angle = np.linalg.norm(twist[..., :3], axis=-1)
+    T[..., :3, :3] = rotation_about(twist[..., :3] / np.where(angle > 0.0, angle, 1.0)[..., None], angle)
+    T[..., :3, 3], T[..., 3, 3] = twist[..., 3:], 1.0
     return T
 
 

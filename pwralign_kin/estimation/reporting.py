@@ -39,6 +39,9 @@ def reported(fit: Fit, judged: Judged, equal: Candidates, options: EstimatorOpti
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
     labels, distances = _labels(scan, search, observation.to_search(T_scan_parts))
     explained = labels >= 0
+    points = np.bincount(labels[explained], minlength=len(model.parts))
+    squares = np.bincount(labels[explained], np.square(distances[explained]), len(model.parts))
+    residuals = np.sqrt(squares / np.where(points > 0, points, np.nan))
     names, scales = model.joint_names, model.joint_scales
     variances = np.diag(doubt.covariance)[6:] * scales**2
     prior_std = np.array([options.prior_std.get(name, np.inf) for name in names])
@@ -56,8 +59,8 @@ def reported(fit: Fit, judged: Judged, equal: Candidates, options: EstimatorOpti
         parts={
             part.name: PartEstimate(
                 T_scan_part=T_scan_parts[i],
-                residual=_rms(distances[labels == i]),
-                points=int((labels == i).sum()),
+                residual=float(residuals[i]),
+                points=int(points[i]),
                 support=float(seen[i]) if search.exists[i] else float("nan"),
             )
             for i, part in enumerate(model.parts)

@@ -326,30 +326,10 @@ void bind_meshes(nb::module_ &m) {
         require(placements.shape(0) == meshes.size(), "one placement per mesh is needed");
         const std::vector<Rigid> T = read_placements(placements);
         std::vector<Vec> closest = copied(points);
-        std::vector<int> owner(closest.size(), -1);
+        std::vector<int> owner;
         {
             nb::gil_scoped_release release;
-            std::vector<RigidF> into, out;
-            for (const Rigid &placed : T) into.push_back(to_float(inverse(placed))), out.push_back(to_float(placed));
-            constexpr int64_t block = 128;
-            const int64_t count = int64_t(closest.size());
-            parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
-                // The mesh of the point before is tried first: a near one spares the search of the others.
-                int likely = 0;
-                for (int64_t k = b * block; k < std::min(count, (b + 1) * block); ++k) {
-                    const Vec p = closest[k];
-                    float squared = reach * reach;
-                    Vec local;
-                    auto offer = [&](int i) {
-                        const float own = meshes[i]->closest(apply(into[i], p), squared, local);
-                        if (own < squared) squared = own, owner[k] = likely = i, closest[k] = apply(out[i], local);
-                    };
-                    const int first = likely;
-                    if (!meshes.empty()) offer(first);
-                    for (int i = 0; i < int(meshes.size()); ++i)
-                        if (i != first) offer(i);
-                }
-            });
+            closest_on_meshes(meshes, T, reach, threads, closest, owner);
         }
         return nb::make_tuple(to_numpy(closest), to_numpy(std::move(owner)));
     }, "meshes"_a, "placements"_a, "points"_a, "reach"_a, "threads"_a);

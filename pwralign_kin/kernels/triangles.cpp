@@ -1,4 +1,5 @@
 #include "triangles.hpp"
+#include "parallel.hpp"
 
 namespace pwr {
 
@@ -45,7 +46,14 @@ TriangleMesh::TriangleMesh(const Vec *vertices, const int *faces, int64_t count)
     std::vector<Triangle> triangles;
     for (int64_t i = 0; i < count; ++i)
         triangles.push_back({{vertices[faces[3 * i]], vertices[faces[3 * i + 1]], vertices[faces[3 * i + 2]]}});
-    if (count > 0) build(triangles, 0, int(count));
+    if (count == 0) return;
+    Vec low = triangles[0].corner[0], high = low;
+    for (const Triangle &triangle : triangles)
+        for (const Vec &v : triangle.corner) low = least(low, v), high = greatest(high, v);
+    middle = .5f * (low + high);
+    for (const Triangle &triangle : triangles)
+        for (const Vec &v : triangle.corner) radius = std::max(radius, norm(v - middle));
+    build(triangles, 0, int(count));
 }
 
 // Halve the largest range of triangles until there is one for every lane; those that fit a leaf are whole.
@@ -131,6 +139,67 @@ float TriangleMesh::closest(Vec p, float squared, Vec &at) const {
         });
     }
     return squared;
+}
+
+namespace {
+
+// Balls that hold placed meshes, side by side; those beyond the last hold nothing.
+struct Balls {
+    std::vector<VecLanes> middle;
+    std::vector<FloatLanes> radius;
+
+    Balls(const std::vector<const TriangleMesh *> &meshes, const std::vector<RigidF> &placed)
+        : middle((meshes.size() + lane_count - 1) / lane_count), radius(middle.size(), all_lanes(-INFINITY)) {
+        // A little larger, for the rounding of what is compared with them.
+        for (size_t i = 0; i < meshes.size(); ++i) {
+            set_lane(middle[i / lane_count], int(i % lane_count), apply(placed[i], meshes[i]->middle));
+            radius[i / lane_count][i % lane_count] = meshes[i]->radius + 1e-5f;
+        }
+    }
+
+    IntLanes reached(size_t group, Vec p, float distance) const {
+        const VecLanes off = middle[group] - p;
+        const FloatLanes within = radius[group] + distance;
+        return (within > 0) & (dot(off, off) < within * within);
+    }
+};
+
+} // namespace
+
+void closest_on_meshes(const std::vector<const TriangleMesh *> &meshes, const std::vector<Rigid> &T, float reach,
+                       int threads, std::vector<Vec> &points, std::vector<int> &owner) {
+    std::vector<RigidF> into, placed;
+    for (const Rigid &own : T) into.push_back(to_float(inverse(own))), placed.push_back(to_float(own));
+    const Balls balls(meshes, placed);
+    owner.assign(points.size(), -1);
+    constexpr int64_t block = 128;
+    const int64_t count = int64_t(points.size());
+    parallel_for((count + block - 1) / block, threads, [&](int64_t b) {
+        // What was closest to the point before bounds the distance from the start.
+        int likely = -1;
+        Vec before{0, 0, 0};
+        for (int64_t k = b * block; k < std::min(count, (b + 1) * block); ++k) {
+            const Vec p = points[k];
+            float squared = reach * reach;
+            auto offer = [&](int i, Vec local, float bound) {
+                Vec at;
+                const float own = meshes[i]->closest(local, bound, at);
+                if (own < bound) squared = own, owner[k] = likely = i, before = at, points[k] = apply(placed[i], at);
+            };
+            const int first = likely;
+            if (first >= 0) {
+                const Vec local = apply(into[first], p), off = local - before;
+                // A little more, so that rounding does not hide what is known to be there.
+                const float far = dot(off, off), bound = far + 1e-5f * std::sqrt(far) + 1e-10f;
+                offer(first, local, std::min(squared, bound));
+            }
+            for (size_t group = 0; group < balls.middle.size(); ++group)
+                for_lanes(balls.reached(group, p, std::sqrt(squared)), [&](int lane) {
+                    const int i = int(group) * lane_count + lane;
+                    if (i != first) offer(i, apply(into[i], p), squared);
+                });
+        }
+    });
 }
 
 } // namespace pwr

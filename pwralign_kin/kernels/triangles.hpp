@@ -13,6 +13,10 @@ class TriangleMesh {
     // distance; otherwise return `squared`.
     float closest(Vec p, float squared, Vec &at) const;
 
+    // A ball that holds the mesh; of radius -inf if there is none.
+    Vec middle{0, 0, 0};
+    float radius = -INFINITY;
+
   private:
     struct Triangle {
         Vec corner[3];
@@ -34,5 +38,9 @@ class TriangleMesh {
     std::vector<Leaf> leaves;
     std::vector<Node> nodes; // the first is the root's
 };
+
+// Move points to the closest points of placed meshes, within `reach`, and tell whose they are; -1 for those that stay.
+void closest_on_meshes(const std::vector<const TriangleMesh *> &meshes, const std::vector<Rigid> &T, float reach,
+                       int threads, std::vector<Vec> &points, std::vector<int> &owner);
 
 } // namespace pwr

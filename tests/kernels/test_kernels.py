@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pwralign_kin import kernels
+from pwralign_kin import kernels, se3
 
 
 def cloud(count: int, seed: int = 0) -> np.ndarray:
@@ -210,22 +210,23 @@ def test_closest_places_on_meshes_are_those_of_brute_force(threads: int) -> None
     import trimesh
 
     random = np.random.default_rng(7)
-    solids = [trimesh.creation.icosphere(subdivisions=2, radius=0.3), trimesh.creation.box([0.4, 0.2, 0.1])]
-    placements = np.tile(np.eye(4), (2, 1, 1))
-    placements[1, :3, 3] = 0.5, 0.1, 0.0
-    points = random.uniform(-0.6, 0.9, (500, 3)).astype(np.float32)
+    # More than are looked at together, and one without a triangle.
+    shapes = [trimesh.creation.icosphere(subdivisions=1, radius=0.15), trimesh.creation.box([0.3, 0.1, 0.05])]
+    solids = [shapes[i % 2] for i in range(10)]
+    placements = se3.exp(random.uniform(-0.6, 0.6, (11, 6)))
+    points = random.uniform(-0.9, 0.9, (500, 3)).astype(np.float32)
+    points[250:] = points[np.linspace(0, 40, 250).astype(int)] + random.normal(0, 0.02, (250, 3))  # neighbours in a row
+    nothing = kernels.TriangleMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
     meshes = [
         kernels.TriangleMesh(np.ascontiguousarray(m.vertices, np.float32), np.ascontiguousarray(m.faces, np.int32))
         for m in solids
     ]
-    closest, mesh = kernels.closest_on_meshes(meshes, placements, points, 0.25, threads)
+    closest, mesh = kernels.closest_on_meshes([*meshes, nothing], placements, points, 0.25, threads)
     each = [
         trimesh.triangles.closest_point(
-            np.repeat(m.triangles, len(points), axis=0),
-            np.tile(points - T[:3, 3], (len(m.triangles), 1)),
+            np.repeat(m.triangles @ T[:3, :3].T + T[:3, 3], len(points), axis=0), np.tile(points, (len(m.triangles), 1))
         ).reshape(len(m.triangles), len(points), 3)
-        + T[:3, 3]
-        for m, T in zip(solids, placements, strict=True)
+        for m, T in zip(solids, placements, strict=False)
     ]
     distance = np.array([np.linalg.norm(found - points, axis=2).min(axis=0) for found in each])
     nearest = np.where(distance.min(axis=0) < 0.25, distance.argmin(axis=0), -1)

@@ -58,9 +58,10 @@ def cancelling(J: Array, exists: NDArray[np.bool_], slides: NDArray[np.bool_]) -
 
     `J` (parts, 6, 6 + k) are part twists by base and joints, `exists` (parts,) says which have surface.
     """
-    twists = np.moveaxis(J[:, :, 6:], 2, 0)
-    moved = ((np.abs(twists) > SAME).any(axis=2) & slides[:, None]).astype(float)
-    flat = (twists * moved[:, :, None]).reshape(len(moved), 6 * len(exists))
+    joints = np.flatnonzero(slides)
+    twists = np.moveaxis(J[:, :, 6:][:, :, joints], 2, 0)
+    moved = (np.abs(twists) > SAME).any(axis=2).astype(float)
+    flat = (twists * moved[:, :, None]).reshape(len(joints), 6 * len(exists))
     squared, products = np.square(twists).sum(axis=2), flat @ flat.T
     own = np.maximum(np.diag(products), SAME**2)
     # What the inner joint (rows) moves is all that the outer one (columns) moves, alike but for a factor, and more.
@@ -69,7 +70,7 @@ def cancelling(J: Array, exists: NDArray[np.bool_], slides: NDArray[np.bool_]) -
     left = squared @ moved.T - products**2 / own
     return [
         Cancelling(
-            int(inner), int(outer), float(-products[inner, outer] / own[outer]),
+            int(joints[inner]), int(joints[outer]), float(-products[inner, outer] / own[outer]),
             np.flatnonzero((moved[inner] > moved[outer]) & exists),
         )
         for inner, outer in np.argwhere(hangs & more & (left < SAME**2))

@@ -95,10 +95,14 @@ def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int
     left = np.pad(cost, 1, mode="wrap") if count is not None else np.pad(cost, 1, constant_values=np.inf)
     least = (cost <= left[:-2]) & (cost <= left[2:])
     modes: list[int] = []
+    far = np.ones(len(cost), bool)
     for index in np.flatnonzero(least)[np.argsort(cost[least], kind="stable")]:
-        if all(_away(steps, other, count)[index] > APART for other in modes):
+        if far[index]:
             modes.append(int(index))
-    return modes[: 1 + RIVALS]
+            far &= _away(steps, modes[-1], count) > APART
+        if len(modes) == 1 + RIVALS:
+            break
+    return modes
 
 
 def _away(steps: NDArray[np.int64], index: int, count: int | None) -> NDArray[np.int64]:

@@ -21,8 +21,7 @@ from pwralign_kin.estimation.doubt.uncertainty import (
     covariance,
     inverse_covariance,
     observed_errors,
-    probe_displacements,
-    probe_motion,
+    probe_motions,
     undetermined_joints,
 )
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
@@ -30,7 +29,7 @@ from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import at_most
-from pwralign_kin.se3 import Array, exp, inverse, transform
+from pwralign_kin.se3 import Array, exp, inverse
 
 FEW_POINTS = 500
 """Points that the displacement by a probe motion is measured at."""
@@ -71,11 +70,11 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     errors = observed_errors(search, final, solution.problem)
     # Points of its neighbours touch a part that the scan lacks.
     absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
-    displacement = probe_displacements(solution.problem, absent, solver.model.prismatic, solver.locked)
+    motions, displacement = probe_motions(solution.problem, absent, solver.model.prismatic, solver.locked)
     nearly = undetermined_joints(displacement, solver.locked, errors, PLAIN_DISPLACEMENT)
     nearly &= ~undetermined_joints(displacement, solver.locked, errors)
     if nearly.any():
-        closer = _displaced(solver, solution, absent, np.flatnonzero(nearly))
+        closer = _displaced(solver, solution, absent, motions[:, nearly].T)
         displacement[nearly] = np.minimum(displacement[nearly], closer)
     undetermined = undetermined_joints(displacement, solver.locked, errors)
     weak = undetermined & ~undetermined_joints(displacement, solver.locked, errors, WEAK_DISPLACEMENT)
@@ -100,12 +99,12 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
 
 
 def _displaced(
-    solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], joints: NDArray[np.int64]
+    solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], motions: Array
 ) -> Array:
-    """Return by how much (n,) (model diagonals) the probe motions of `joints` (n,) take what is seen off the model's
-    triangles.
+    """Return by how much (n,) (model diagonals) `motions` (n, 6 + k) of base and joints take what is seen off the
+    model's triangles.
 
-    As in `probe_displacements`: the mean squares of all observed parts are added.
+    As in `probe_motions`: the mean squares of all observed parts are added.
     """
     problem, given = solution.problem, solver.search.observation.given
     placements, twists = solver.part_twists(solution.base, solution.values)
@@ -115,14 +114,10 @@ def _displaced(
     counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
     seen, part = seen[counted[part]], part[counted[part]]
     about = solution.base[:3, 3]
-    motions = [
-        twists @ probe_motion(problem, absent, solver.model.prismatic, solver.locked, int(joint)) for joint in joints
-    ]
-    moved = np.tile(seen, (len(joints), 1, 1))
-    for points, motion in zip(moved, motions, strict=True):
-        for index in np.unique(part):
-            own = part == index
-            points[own] = transform(exp(motion[index]), seen[own] - about) + about
+    moved = np.tile(seen, (len(motions), 1, 1))
+    for index in np.flatnonzero(np.bincount(part)):
+        own, T = part == index, exp(motions @ twists[index].T)
+        moved[:, own] = (seen[own] - about) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] + about
     away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
     points = np.ascontiguousarray(moved[away], np.float32)
     closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)

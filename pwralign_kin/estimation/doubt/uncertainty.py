@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.refinement.joint_least_squares import Problem, normal_matrix
+from pwralign_kin.estimation.refinement.joint_least_squares import Problem, inverse_of, normal_matrix
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import Float, Ints, TreeSearch
 from pwralign_kin.se3 import Array
@@ -101,41 +101,26 @@ def least_visible(errors: Errors, least: float = LEAST_DISPLACEMENT) -> float:
     return max(least, SYSTEMATIC_SHARE * errors.systematic)
 
 
-def probe_displacements(
+def probe_motions(
     problem: Problem, absent: NDArray[np.bool_], slide: NDArray[np.bool_], locked: NDArray[np.bool_]
-) -> Array:
-    """Return by how much (k,) a probe motion of each joint displaces what is seen; `absent` parts tell nothing.
+) -> tuple[Array, Array]:
+    """Return by how much base and joints (6 + k, k) move in the probe motion of each joint, and by how much (k,) that
+    displaces what is seen; `absent` parts tell nothing.
 
     A joint is undetermined when everything else can compensate its motion: with each observed part's information
     scaled to mean squared displacement, the least displacement that the probe leaves is the Schur complement of its
     entry; the outline counts besides the surface, by its weight against it. Locked joints displace nothing.
     """
-    inverse = _mean_inverse(problem, absent, locked)
-    probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
-    variance = np.maximum(np.diag(inverse)[6:], 1e-18)
-    return np.where(locked, 0.0, probe / np.sqrt(variance))
-
-
-def probe_motion(
-    problem: Problem, absent: NDArray[np.bool_], slide: NDArray[np.bool_], locked: NDArray[np.bool_], joint: int
-) -> Array:
-    """Return by how much (6 + k,) base and joints move in the probe motion of one joint that displaces what is seen
-    least."""
-    column = _mean_inverse(problem, absent, locked)[:, 6 + joint]
-    return np.asarray(column / column[6 + joint] * (PROBE_SLIDE if slide[joint] else PROBE_TURN))
-
-
-def _mean_inverse(problem: Problem, absent: NDArray[np.bool_], locked: NDArray[np.bool_]) -> Array:
-    """Return the inverse (6 + k, 6 + k) of the mean squared displacement as a form of base twist and joints; zero for
-    locked joints."""
     seen, displacements = mean_information(problem, absent)
     mean_H = normal_matrix(problem.J[seen], displacements)
     # Moving a known base by its standard deviation is as unlikely as displacing surface that is seen.
     mean_H[:6, :6] += LEAST_DISPLACEMENT**2 * problem.prior.H[:6, :6]
     free = np.concatenate([np.ones(6, bool), ~locked])
     inverse = np.zeros_like(mean_H)
-    inverse[np.ix_(free, free)] = np.linalg.inv(mean_H[np.ix_(free, free)] + 1e-9 * np.eye(int(free.sum())))
-    return inverse
+    inverse[np.ix_(free, free)] = inverse_of(mean_H[np.ix_(free, free)] + 1e-9 * np.eye(int(free.sum())))
+    probe = np.where(slide, PROBE_SLIDE, PROBE_TURN)
+    variance = np.maximum(np.diag(inverse)[6:], 1e-18)
+    return inverse[:, 6:] / variance * probe, np.where(locked, 0.0, probe / np.sqrt(variance))
 
 
 def inverse_covariance(problem: Problem, absent: NDArray[np.bool_], errors: Errors, span: Array) -> Array:
@@ -168,7 +153,7 @@ def covariance(
     they turn."""
     free = np.concatenate([np.ones(6, bool), ~locked])
     result = np.zeros_like(H)
-    result[np.ix_(free, free)] = np.linalg.inv(H[np.ix_(free, free)] + 1e-6 * np.eye(int(free.sum())))
+    result[np.ix_(free, free)] = inverse_of(H[np.ix_(free, free)] + 1e-6 * np.eye(int(free.sum())))
     result += besides
     silent = 6 + np.flatnonzero(undetermined)
     result[silent] = result[:, silent] = 0.0

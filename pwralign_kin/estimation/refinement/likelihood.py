@@ -92,7 +92,7 @@ class _Look:
         weight = normal / (normal + ANYTHING)
         information = np.zeros((len(self.twists), 6, 6))
         gradients = np.zeros((len(self.twists), 6))
-        for part in np.unique(self.part[self.part >= 0]):
+        for part in np.flatnonzero(np.bincount(self.part[self.part >= 0])):
             own = self.part == part
             weighted = self.rows[own] * weight[own, None]
             information[part] = weighted.T @ self.rows[own]
@@ -113,4 +113,6 @@ def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
     distance = search.assigned(raw, search.part_placements(answer)[0], search.exists, REACH)[0]
     near = raw[distance < REACH]
     chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
-    return np.ascontiguousarray(near[chosen])
+    points = np.ascontiguousarray(near[chosen])
+    # What is closest to a point is soon found from what is closest to the point before.
+    return np.ascontiguousarray(points[kernels.along_curve(points)]) if len(points) else points

@@ -57,10 +57,10 @@ class JointClosing:
         self.lower, self.upper = (np.asarray(limit) for limit in native.limits)
 
     def values(self, joints: tuple[MovingJoint, ...], above: Array, below: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the actuated values (m, joints) that the placements of the parts above and below take (at least one
-        of them (m, 4, 4)), and whether (m,) the joints close within their limits."""
-        motion = inverse(above @ self._offset(joints[0])) @ below
-        motion = motion[None] if motion.ndim == 2 else motion
+        """Return the actuated values (m, joints) that the placements of the parts above and below take (..., 4, 4),
+        which are held against each other as they broadcast to m, and whether (m,) the joints close within their
+        limits."""
+        motion = (inverse(above @ self._offset(joints[0])) @ below).reshape(-1, 4, 4)
         found, fits = np.zeros((len(motion), len(joints))), np.ones(len(motion), bool)
         if len(joints) == 2:
             between = self._offset(joints[1])
@@ -78,13 +78,14 @@ class JointClosing:
         return found, fits & within & (turned < OPEN_TURN) & ((t * t).sum(axis=1) < OPEN_SLIDE**2)
 
     def placed(self, joints: tuple[MovingJoint, ...], above: Array, values: Array) -> Array:
-        """Return the placements (m, 4, 4) of the part below for those (m, 4, 4) of the part above and `values`."""
+        """Return the placements (..., 4, 4) of the part below for those of the part above and `values` (..., joints),
+        which broadcast."""
         T = above
         for column, joint in enumerate(joints):
-            value = joint.multiplier * values[:, column] * self.model.joint_scales[joint.actuated] + joint.offset
+            value = joint.multiplier * values[..., column] * self.model.joint_scales[joint.actuated] + joint.offset
             if joint.kind == "prismatic":
-                move = np.tile(np.eye(4), (len(value), 1, 1))
-                move[:, :3, 3] = value[:, None] / self.model.diagonal * joint.axis
+                move = np.tile(np.eye(4), (*value.shape, 1, 1))
+                move[..., :3, 3] = value[..., None] / self.model.diagonal * joint.axis
             else:
                 move = _turns(joint.axis, value)
             T = T @ self._offset(joint) @ move
@@ -114,10 +115,10 @@ def _bringing(axis: Array, source: Array, target: Array) -> Array:
 
 
 def _turns(axis: Array, angle: Array) -> Array:
-    """Return the placements (m, 4, 4) turned by `angle` (m,) about `axis` (Rodrigues' formula)."""
+    """Return the placements (..., 4, 4) turned by `angle` (...) about `axis` (Rodrigues' formula)."""
     K = skew(axis)
-    T = np.tile(np.eye(4), (len(angle), 1, 1))
-    T[:, :3, :3] += np.sin(angle)[:, None, None] * K + (1.0 - np.cos(angle))[:, None, None] * (K @ K)
+    T = np.tile(np.eye(4), (*angle.shape, 1, 1))
+    T[..., :3, :3] += np.sin(angle)[..., None, None] * K + (1.0 - np.cos(angle))[..., None, None] * (K @ K)
     return T
 
 

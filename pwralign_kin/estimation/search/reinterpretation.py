@@ -19,7 +19,7 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, inverse
 
-Message = tuple[Array, NDArray[np.int64]]
+Message = tuple[Array, list[int]]
 
 PROBES = 8
 """Surface samples that a displacement is measured at."""
@@ -86,6 +86,7 @@ class _Reader:
         closing = JointClosing(model, search.model)
         self.closed = {(chain.above, chain.below): self._closed(chain, closing) for chain in chains_between(model)}
         self.messages: dict[tuple[int, int], Message] = {}
+        self.walks: dict[int, list[tuple[int, int, Chain]]] = {}
 
     def readings(self) -> tuple[Candidates, NDArray[np.int64]]:
         """Return configurations (unscored) each of which turns one part over, and which (m,) part that is."""
@@ -133,13 +134,12 @@ class _Reader:
     def _closed(self, chain: Chain, closing: JointClosing) -> tuple[Array, Array]:
         """Return how far (a, b) each way of the part below is displaced when the joints hold it to each way of the part
         above, and the values (a, b, joints) that they take."""
-        above, below = self.ways[chain.above][0], self.ways[chain.below][0]
-        first, second = np.repeat(above, len(below), axis=0), np.tile(below, (len(above), 1, 1))
-        values = closing.values(chain.joints, first, second)[0]
-        off = closing.placed(chain.joints, first, values) - second
+        above, below = self.ways[chain.above][0][:, None], self.ways[chain.below][0]
+        values = closing.values(chain.joints, above, below)[0].reshape(len(above), len(below), -1)
+        off = closing.placed(chain.joints, above, values) - below
         probes = self.search.surfaces[chain.below].samples[:PROBES].astype(float)
-        gap = np.linalg.norm(probes @ np.swapaxes(off[:, :3, :3], 1, 2) + off[:, None, :3, 3], axis=-1).mean(axis=1)
-        return gap.reshape(len(above), len(below)), values.reshape(len(above), len(below), -1)
+        moved = probes @ np.swapaxes(off[..., :3, :3], -1, -2) + off[..., None, :3, 3]
+        return np.linalg.norm(moved, axis=-1).mean(axis=-1), values
 
     def _total(self, part: int, beside: Chain | None = None) -> Array:
         """Return the least cost (m,) of all parts for each way of one, those beyond the chain `beside` excepted."""
@@ -150,28 +150,39 @@ class _Reader:
         return total
 
     def _message(self, part: int, chain: Chain) -> Message:
-        """Return per way of `part` the least cost (m,) of all beyond `chain`, and the way (m,) of the next part."""
+        """Return per way of `part` the least cost (m,) of all beyond `chain`, and the way of the next part."""
         following = chain.other(part)
         if (part, following) not in self.messages:
             gap = self.closed[chain.above, chain.below][0]
             each = (gap if part == chain.above else gap.T) + self._total(following, beside=chain)
-            self.messages[part, following] = each.min(axis=1), each.argmin(axis=1)
+            self.messages[part, following] = each.min(axis=1), each.argmin(axis=1).tolist()
         return self.messages[part, following]
 
     def _followed(self, part: int, way: int) -> tuple[dict[int, int], Array]:
         """Return the ways of all parts that follow from that of one, by part, and the joint values (k,)."""
-        chosen, values, front = {part: way}, self.values.copy(), [part]
-        while front:
-            origin = front.pop()
-            for chain in self.chains_at[origin]:
-                following = chain.other(origin)
-                if following not in chosen:
-                    chosen[following] = int(self._message(origin, chain)[1][chosen[origin]])
-                    closed = self.closed[chain.above, chain.below][1]
-                    actuated = [joint.actuated for joint in chain.joints]
-                    values[actuated] = closed[chosen[chain.above], chosen[chain.below]]
-                    front.append(following)
+        chosen, values = {part: way}, self.values.copy()
+        for origin, following, chain in self._walk(part):
+            chosen[following] = self._message(origin, chain)[1][chosen[origin]]
+            closed = self.closed[chain.above, chain.below][1][chosen[chain.above], chosen[chain.below]]
+            for joint, value in zip(chain.joints, closed, strict=True):
+                values[joint.actuated] = value
         return chosen, values
+
+    def _walk(self, part: int) -> list[tuple[int, int, Chain]]:
+        """Return all chains from one part outwards, each with the part that it is reached from and the next one."""
+        if part not in self.walks:
+            walk: list[tuple[int, int, Chain]] = []
+            front, reached = [part], {part}
+            while front:
+                origin = front.pop()
+                for chain in self.chains_at[origin]:
+                    following = chain.other(origin)
+                    if following not in reached:
+                        walk.append((origin, following, chain))
+                        reached.add(following)
+                        front.append(following)
+            self.walks[part] = walk
+        return self.walks[part]
 
 
 def _regrown_below(

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 import pwralign_kin as pk
 from pwralign_kin import se3
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions, bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import (
+    INVERTED_WHOLE,
+    JointLeastSquares,
+    LeastSquaresOptions,
+    bounded_step,
+    inverse_of,
+)
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
@@ -122,6 +128,13 @@ def test_the_robust_scale_follows_noise_and_residuals(
 def test_a_step_that_has_no_solution_is_an_error(broken: NDArray[np.float64]) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         bounded_step(broken, np.ones(7), np.full(7, -0.1), np.full(7, 0.1), 1e-6)
+
+
+@pytest.mark.parametrize("size", [7, INVERTED_WHOLE + 1, 3 * INVERTED_WHOLE])
+def test_the_inverse_of_few_and_of_many_unknowns(size: int) -> None:
+    A = np.random.default_rng(size).normal(size=(size, size))
+    H = A @ A.T + size * np.eye(size)
+    assert inverse_of(H) @ H == pytest.approx(np.eye(size), abs=1e-9)
 
 
 def test_a_locked_joint_does_not_move(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan) -> None:
