@@ -281,6 +281,7 @@ class AnswerSearch:
         several: list[Candidates] = []
         answers: list[Candidates] = []
         looked: list[Candidates] = []
+        again: list[Candidates] = []
         for attempt in range(self.effort.searches):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
@@ -293,27 +294,48 @@ class AnswerSearch:
                 with self.watch.stage("repair"):
                     answers.append(self._repaired_one_by_one(seed, left, looked))
             best = self._distinct(answers)
-            if self._is_sound(best):
+            if self._is_sound(best, options.sure):
+                break
+            if len(unlike(self.search, best.take([0]), again, self.search.options.distinct)):
+                with self.watch.stage("repair"):
+                    answers.append(self._looked_at_again(seed, best.take([0])))
+                best = self._distinct(answers)
+                again.append(best.take([0]))
+            if self._is_sound(best, options.confident):
                 break
         return best
+
+    def _looked_at_again(self, seed: int, answer: Candidates) -> Candidates:
+        """Return what a close look at one answer to a scene finds, itself if nothing.
+
+        The look that found it was about a configuration of which limbs were elsewhere, and drew other samples.
+        """
+        look = self._look(seed + self.effort.searches, answer)
+        return answer if look is None else self._repaired(look)
 
     def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
         one answer is convincing or sound."""
         search, options = self.search, self.options.scene_search
-        short = replace(self.repairing, rounds=min(options.rounds, self.repairing.rounds), early_rounds=0)
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(search, candidates)])
         several = []
         for look in looks[: max(1, round(options.finalists * search.share_tried))]:
-            repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
-            solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
-            # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
-            several.append(self._distinct([look.best, priced(search, search.scored(solutions)[0])]))
-            if is_convincing(search, several[-1].take([0]), options) or self._is_sound(several[-1]):
+            several.append(self._repaired(look))
+            best = several[-1]
+            if is_convincing(search, best.take([0]), options) or self._is_sound(best, options.confident):
                 break
         return self._distinct(several)
+
+    def _repaired(self, look: _Look) -> Candidates:
+        """Return the answers that repair makes of what a close look found, closely and then in the scene."""
+        rounds = min(self.options.scene_search.rounds, self.repairing.rounds)
+        short = replace(self.repairing, rounds=rounds, early_rounds=0)
+        repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
+        solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
+        # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
+        return self._distinct([look.best, priced(self.search, self.search.scored(solutions)[0])])
 
     def _looks(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Iterator[_Look]:
         """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
@@ -331,16 +353,23 @@ class AnswerSearch:
                 return
             leader = left.best_first().take([0])
             looked.append(leader)
-            focused = search.about(leader, options.focus)
-            if focused is search or focused.searched.sum() < LEAST_POINTS:
-                continue  # nothing is near it
-            closely = self._closely(focused)
-            found = closely._found(seed, closely.search, leader)
-            best = best_priced(search, search.scored(found)[0])
-            looked.append(best)
-            yield _Look(focused, closely, found, best)
-            if is_convincing(search, best, options):
+            look = self._look(seed, leader)
+            if look is None:
+                continue
+            looked.append(look.best)
+            yield look
+            if is_convincing(search, look.best, options):
                 return
+
+    def _look(self, seed: int, leader: Candidates) -> _Look | None:
+        """Return a close look at one candidate of a scene, None if nothing is near it."""
+        search = self.search
+        focused = search.about(leader, self.options.scene_search.focus)
+        if focused is search or focused.searched.sum() < LEAST_POINTS:
+            return None
+        closely = self._closely(focused)
+        found = closely._found(seed, closely.search, leader)
+        return _Look(focused, closely, found, best_priced(search, search.scored(found)[0]))
 
     def _closely(self, focused: TreeSearch) -> AnswerSearch:
         """Return a search that takes the `focused` points of a scene for a scan of the model alone.
@@ -399,11 +428,11 @@ class AnswerSearch:
             best = better
         return search.scored(best)[0] if best is not start else None
 
-    def _is_sound(self, solutions: Candidates) -> bool:
-        """Return whether the best of several answers to a scene is worth no further search."""
+    def _is_sound(self, solutions: Candidates, confident: float) -> bool:
+        """Return whether the best of several answers to a scene is sound, and at least so `confident`."""
         evidence = gathered(self.search, solutions.take([0]), solutions)
         options = self.options.scene_search
-        if evidence.continued > options.continued or confidence(evidence) < options.confident:
+        if evidence.continued > options.continued or confidence(evidence) < confident:
             return False
         return soundness(evidence) >= options.sound
 

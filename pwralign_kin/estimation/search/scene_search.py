@@ -29,7 +29,9 @@ class SceneSearchOptions:
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
     confident: float = 0.2
-    """Confidence below which a further search is worth it however sound the answer."""
+    """Confidence below which a further search is worth it however sound the answer, ..."""
+    sure: float = 0.5
+    """... and below which, before that, another close look at the answer is."""
     further: float = 4.0
     """How many times as much is tried in every further search."""
     regions: int = 12

@@ -88,7 +88,8 @@ class SearchOptions:
     scene_support_weight: float = 1.5
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
     scene_normal_penalty: float = 1.8
-    """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene."""
+    """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene and in
+    what is cut out of one, or limbs would explain the things that touch the model."""
     scene_near_penalty: float = 0.3
     """Gain lost by a point near the model that it does not explain."""
     scene_mismatch_penalty: float = 0.5
@@ -146,9 +147,10 @@ class TreeSearch:
         native.support_weight = options.support_weight
         if observation.scene:
             native.support_weight = options.scene_support_weight
-            native.normal_penalty = options.scene_normal_penalty
             native.near_penalty = options.scene_near_penalty
             native.mismatch_penalty = options.scene_mismatch_penalty
+        if observation.scene or observation.cut_out:
+            native.normal_penalty = options.scene_normal_penalty
         native.two_way = options.two_way
         native.solid = options.solid
         self.coverage_scale = self._coverage_scale(total_area(surfaces))

@@ -134,6 +134,8 @@ class Observation:
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
+    cut_out: bool = False
+    """Whether it is what lies near one answer to a scene: other things may be among it."""
 
     @property
     def single_view(self) -> bool:

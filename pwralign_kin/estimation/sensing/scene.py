@@ -181,7 +181,7 @@ def close_up(
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
         scene, points=points, normals=normals, given=scene.given[mine], given_normals=scene.given_normals[mine],
-        weights=kept.weights, areas=kept.areas, regions=kept.regions, scene=False, field=field,
+        weights=kept.weights, areas=kept.areas, regions=kept.regions, scene=False, cut_out=True, field=field,
         spacing=float(np.median(preparation.sixth_neighbour(points, threads))),
     )  # fmt: skip
 

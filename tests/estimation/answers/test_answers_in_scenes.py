@@ -53,6 +53,46 @@ def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     assert errors.min() < 0.01 < 0.03 < np.linalg.norm(search.probe_positions(astray) - true, axis=-1).mean()
 
 
+def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    looked, candidates = AnswerSearch._looked_at_again, RegionSearch.candidates
+
+    def look(own: AnswerSearch, seed: int, answer: Candidates) -> Candidates:
+        told.append("look")
+        return looked(own, seed, answer)
+
+    def search(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        told.append("search")
+        return candidates(own, seed, outside, further=further)
+
+    monkeypatch.setattr(AnswerSearch, "_looked_at_again", look)
+    monkeypatch.setattr(RegionSearch, "candidates", search)
+    options = SceneSearchOptions()
+    doubted = 0.5 * (options.confident + options.sure)
+    monkeypatch.setattr("pwralign_kin.estimation.answers.answer_search.confidence", lambda _: doubted)
+    pk.estimate(excavator, scene.scan)
+    assert told == ["search", "look"]
+
+
+def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search = searching(excavator, ready)
+    true, astray = (true_and_moved(excavator, scene, ready).take([0]) for _ in range(2))
+    astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
+    answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+
+    found = answers._looked_at_again(0, search.scored(astray)[0]).take([0])
+
+    def error(own: Candidates) -> float:
+        return float(np.linalg.norm(search.probe_positions(own) - search.probe_positions(true), axis=-1).mean())
+
+    assert error(found) < 0.01 < 0.03 < error(astray)
+
+
 def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
     options = pk.EstimatorOptions(threads=2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from searched_scenes import EVERYWHERE, observed, searched_points, searching, true_and_moved
@@ -148,6 +150,24 @@ def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_ro
     raised.bases[0, :3, 3] += 0.5 * raised.bases[0, :3, 2]
     true, wrong = (closely.scored(own)[1][0] @ closely.weights for own in (candidates.take([0]), raised))
     assert true > -0.06 and wrong < 3 * true
+
+
+def test_what_a_limb_passes_without_facing_alike_counts_against_it_in_a_close_look(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    # As where a limb explains a thing that touches the model.
+    ready = observed(excavator, scene.scan)
+    aside = np.roll(ready.normals, 1, axis=1)
+    across = np.cross(ready.normals, aside)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
+    true = true_and_moved(excavator, scene, ready).take([0])
+    near = searching(excavator, ready).about(true, SceneSearchOptions().focus).searched
+
+    def explained(normals: np.ndarray) -> float:
+        view = close_up(replace(ready, normals=normals), near, ObservationOptions(), SceneOptions(), 2)
+        return float(searching(excavator, ready).of(view).coverage(true)[0])
+
+    assert explained(np.ascontiguousarray(across, np.float32)) < 0.0 < explained(ready.normals)
 
 
 def test_a_patch_of_floor_that_is_left_unexplained_is_looked_at_as_surroundings(
