@@ -88,7 +88,7 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
         undetermined &= ~sure
     parting = parted(solver, solution, errors)
     solution = parting.solution
-    undetermined |= parting.untold
+    undetermined = np.where(parting.held, parting.untold, undetermined)
     if undetermined.any():
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(undetermined):
