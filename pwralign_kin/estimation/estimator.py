@@ -16,6 +16,7 @@ from pwralign_kin.estimation.answers.equal_answers import equal_answers
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.doubt.observability import Doubt, doubted
 from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
+from pwralign_kin.estimation.evidence.other_size import other_size
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
@@ -67,6 +68,9 @@ PATCHED, STRANGE = 0.5, 0.05
 COARSE = 0.03
 """Step that coordinates are rounded to, model diagonals, from which a caller is told: at 0.03 all of three robots were
 found, at 0.05 with doubts, at 0.1 none."""
+CLEARLY = 0.04
+"""Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
+is right, 0.05 to 0.3 where it is 7 to 15% off."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,9 @@ class Estimator:
         fit, estimate = self._from_other_sides(fit, estimate, initial, correspondences)
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
         estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
-        return self._seen_from_own_origin(fit, estimate, initial, correspondences)
+        estimate = self._seen_from_own_origin(fit, estimate, initial, correspondences)
+        warn_of_size(scan, estimate)
+        return estimate
 
     def fit(
         self,
@@ -329,7 +335,8 @@ class Estimator:
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
-            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
+            size = other_size(fit.solver, solution)
+            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished, size)
         return Judged(solution, doubt, evidence)
 
     def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:
@@ -451,6 +458,16 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
+
+
+def warn_of_size(scan: Scan, estimate: Estimate) -> None:
+    """Log that the points lie clearly better on a model of another size."""
+    if estimate.evidence.size_gain > CLEARLY:
+        logger.warning(
+            "%s: the points lie better on a model about %.2f times as large: is the scan to scale, and the model the "
+            "right variant?",
+            scan.source, estimate.evidence.size,
+        )  # fmt: skip
 
 
 def bearing_out(fit: Fit, solution: Solution) -> Candidates:

@@ -89,8 +89,10 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
 def _cost(
     solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: NDArray[np.bool_], errors: Errors
 ) -> Array:
-    """Return the negative log-likelihood (m,) of the points on the parts that move from `T` (parts, 4, 4), when they are
-    `placed` (m, parts, 4, 4); parts own points as `owner` (n,) says."""
+    """Return the negative log-likelihood (m,) of the points on the parts that move, when all are `placed`.
+
+    They move from `T` (parts, 4, 4) to each of (m, parts, 4, 4); `owner` (n,) is the part that each point lies on.
+    """
     search = solver.search
     on_side = search.observation.given[(owner >= 0) & moves[owner]]
     points = at_most(np.ascontiguousarray(on_side), MOST_POINTS)
