@@ -68,6 +68,8 @@ PATCHED, STRANGE = 0.5, 0.05
 COARSE = 0.03
 """Step that coordinates are rounded to, model diagonals, from which a caller is told: at 0.03 all of three robots were
 found, at 0.05 with doubts, at 0.1 none."""
+UNLIKE = 0.03
+"""Share of strange and astray points from which the size of the model is doubted."""
 CLEARLY = 0.04
 """Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
 is right, 0.05 to 0.3 where it is 7 to 15% off."""
@@ -335,8 +337,10 @@ class Estimator:
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
-            size = other_size(fit.solver, solution)
-            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished, size)
+            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
+            if evidence.strange + evidence.astray > UNLIKE:
+                size = other_size(fit.solver, solution)
+                evidence = replace(evidence, size=size.factor, size_gain=size.gain)
         return Judged(solution, doubt, evidence)
 
     def _reported(self, fit: Fit, judged: Judged, equal: Candidates) -> Estimate:

@@ -49,15 +49,17 @@ class Profile:
     """Log-likelihood of the best value over the worst."""
 
 
-def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors) -> Profile:
-    """Compare all values of one joint within its limits, with either side of it held in place.
+def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors, weak: bool) -> Profile:
+    """Compare all values of one joint within its limits, the side with more points held in place.
 
-    Points have independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
+    Where the surface tells the joint only weakly that side is turned as well: it may be the round one. Points have
+    independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
     """
     search = solver.search
     here = Candidates.single(base, values)
     T = search.part_placements(here)[0]
-    owner = search.given_owners(here)[1]
+    distance, owner = search.given_owners(here)
+    owned = np.bincount(owner[distance < search.reach], minlength=len(T))
     tried, steps = _tried(solver, values, joint)
     turned = np.tile(values, (len(tried), 1))
     turned[:, joint] = tried
@@ -67,12 +69,15 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     next_to = int(np.argmin(np.where(steps == 0, np.inf, np.abs(steps))))
     hangs = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
     back = T[np.argmax(hangs)] @ inverse(placed[:, np.argmax(hangs)])
-    # A round side may turn where it is, however many points lie on it.
-    child = _cost(solver, T, owner, placed, hangs, errors)
-    parent = _cost(solver, T, owner, back[:, None] @ placed, ~hangs, errors)
-    child, parent = child - child[steps == 0], parent - parent[steps == 0]
-    bases = np.where((parent < child)[:, None, None], back @ bases, bases)
-    cost = np.minimum(child, parent)
+    sides = [(bases, placed, hangs), (back @ bases, back[:, None] @ placed, ~hangs)]
+    if owned[hangs].sum() > 0.5 * owned.sum():
+        sides.reverse()
+    bases, cost = sides[0][0], _cost(solver, T, owner, *sides[0][1:], errors)
+    cost -= cost[steps == 0]
+    if weak:
+        other = _cost(solver, T, owner, *sides[1][1:], errors)
+        other -= other[steps == 0]
+        bases, cost = np.where((other < cost)[:, None, None], sides[1][0], bases), np.minimum(cost, other)
     count = len(cost) if solver.model.continuous[joint] else None
     modes = _modes(cost, steps, count)
     others = cost[_away(steps, modes[0], count) > APART]

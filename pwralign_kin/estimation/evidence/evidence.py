@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.evidence.other_size import SAME_SIZE, OtherSize
+from pwralign_kin.estimation.evidence.other_size import SAME_SIZE
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import continued, continued_beside
 from pwralign_kin.estimation.search.tree_search import ALIKE, BAND, TreeSearch
@@ -99,9 +99,11 @@ class Evidence:
     """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
 
 
-def gathered(search: TreeSearch, final: Candidates, others: Candidates, size: OtherSize = SAME_SIZE) -> Evidence:
-    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with, and
-    against a model of another `size`."""
+def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
+    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
+
+    Another size of the model is not looked for (`other_size`).
+    """
     observation = search.observation
     distance, part, cosine = search.lying(final)
     explained = distance <= search.reach
@@ -139,8 +141,8 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates, size: Ot
         refuted,
         beyond,
         float(points.sum() / search.exists.sum()),
-        size.factor,
-        size.gain,
+        SAME_SIZE.factor,
+        SAME_SIZE.gain,
     )
 
 

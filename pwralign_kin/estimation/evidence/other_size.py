@@ -11,10 +11,10 @@ from pwralign_kin import kernels
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution, bounded_step
 from pwralign_kin.se3 import Array
 
-MOST_POINTS = 500
-"""Scan points near the model that are looked at, ..."""
+MOST_POINTS = 600
+"""Scan points that are looked at."""
 LEAST_POINTS = 50
-"""... and below which they tell no size."""
+"""Points near the model below which they tell no size."""
 SIGMA, REACH = 0.012, 0.036
 """Scale of the robust kernel and farthest correspondence (model diagonals): sizes are far from one another."""
 ROUNDS = 12
@@ -23,7 +23,9 @@ MOST_GROWTH = 0.1
 UNCHANGED = 0.003
 """Step up to which the size is the one before."""
 LEAST_GAIN, LEAST_CHANGE = 0.025, 0.02
-"""Less than this gain, and less than this logarithm of a size, come of noise and of the bias of sensors."""
+"""Less than this gain, and less than this logarithm of a size, come of the bias of sensors, ..."""
+CHANGE_BY_NOISE = 6.0
+"""... and so much more of it, times the noise, of points that noise takes out of thin parts."""
 NOISES = 1.5
 """How many times the noise points are from a surface that they lie on less well."""
 
@@ -49,9 +51,8 @@ def other_size(solver: JointLeastSquares, solution: Solution) -> OtherSize:
     search, observation = solver.search, solver.search.observation
     base, values = solution.base, solution.values
     placements, twists = solver.part_twists(base, values)
-    distance = search.assigned(observation.given, placements, search.exists, REACH)[0]
-    near = np.flatnonzero(distance < REACH)
-    near = near[np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)]
+    some = np.linspace(0, len(observation.given) - 1, min(len(observation.given), MOST_POINTS)).astype(int)
+    near = some[search.assigned(observation.given[some], placements, search.exists, REACH)[0] < REACH]
     if len(near) < LEAST_POINTS:
         return SAME_SIZE
     given, normals = observation.given[near].astype(float), observation.given_normals[near].astype(float)
@@ -66,14 +67,20 @@ def other_size(solver: JointLeastSquares, solution: Solution) -> OtherSize:
         lying.append(float(np.where(part >= 0, np.exp(-0.5 * np.square(off).sum(axis=1) / blur**2), 0.0).mean()))
         if 1.0 - lying[0] < LEAST_GAIN:
             break  # no size could explain more
-        step = _step(closest - centre, off, normals, part, twists, solver.step_bounds(values), solver.options.damping)
+        try:
+            step = _step(
+                closest - centre, off, normals, part, twists, solver.step_bounds(values), solver.options.damping
+            )
+        except np.linalg.LinAlgError:
+            return SAME_SIZE
         if abs(step[-1]) < UNCHANGED:
             break
         growth += step[-1]
         base, values = solver.stepped(base, values, step[:-1])
         placements, twists = solver.part_twists(base, values)
     gain = lying[-1] - lying[0]
-    return OtherSize(float(np.exp(growth)), gain) if gain > LEAST_GAIN and abs(growth) > LEAST_CHANGE else SAME_SIZE
+    told = gain > LEAST_GAIN and abs(growth) > LEAST_CHANGE + CHANGE_BY_NOISE * observation.noise
+    return OtherSize(float(np.exp(growth)), gain) if told else SAME_SIZE
 
 
 def _step(
