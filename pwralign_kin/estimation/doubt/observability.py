@@ -145,7 +145,8 @@ def _compared(
     for joint in np.flatnonzero(loose):
         profile = profiled(solver, solution.base, solution.values, int(joint), errors, bool(weak[joint]))
         sure[joint] = profile.margin > NO_RIVAL
-        if profile.spread < BETTER:
+        # What is weakly told, and not alone, is undetermined whichever value is better.
+        if profile.spread < BETTER or (weak[joint] and not sure[joint]):
             continue
         worth = profile.behind < NO_RIVAL
         worth[0] &= profile.gain > 0.0
