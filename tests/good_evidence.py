@@ -19,4 +19,6 @@ GOOD = Evidence(
     refuted=0.0,
     continued=0.0,
     points_per_part=300.0,
+    size=1.0,
+    size_gain=0.0,
 )

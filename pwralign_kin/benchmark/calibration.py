@@ -132,7 +132,7 @@ def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (6,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (7,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
     return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
@@ -156,6 +156,7 @@ def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]
     """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
     names = (
         "present: intercept", "unlike and not confirmed", "shown", "distinct", "continued", "refuted",
+        "another size",
         "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
     )  # fmt: skip
     present = fitted_presence(outcomes, elsewhere)

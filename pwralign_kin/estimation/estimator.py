@@ -16,6 +16,7 @@ from pwralign_kin.estimation.answers.equal_answers import equal_answers
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.doubt.observability import doubted
 from pwralign_kin.estimation.evidence.evidence import gathered
+from pwralign_kin.estimation.evidence.other_size import other_size
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
@@ -63,6 +64,11 @@ OUTLINED = 0.06
 for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
+UNLIKE = 0.03
+"""Share of strange and astray points from which the size of the model is doubted."""
+CLEARLY = 0.04
+"""Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
+is right, 0.05 to 0.3 where it is 7 to 15% off."""
 
 
 class Estimator:
@@ -101,7 +107,9 @@ class Estimator:
         fit, estimate = self._from_other_sides(fit, estimate, initial, correspondences)
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
         estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
-        return self._seen_from_own_origin(fit, estimate, initial, correspondences)
+        estimate = self._seen_from_own_origin(fit, estimate, initial, correspondences)
+        warn_of_size(scan, estimate)
+        return estimate
 
     def fit(
         self,
@@ -289,6 +297,9 @@ class Estimator:
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
             evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
+            if evidence.strange + evidence.astray > UNLIKE:
+                size = other_size(fit.solver, solution)
+                evidence = replace(evidence, size=size.factor, size_gain=size.gain)
         return Judged(solution, doubt, evidence)
 
     def _observe(
@@ -404,6 +415,16 @@ class Estimator:
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
+
+
+def warn_of_size(scan: Scan, estimate: Estimate) -> None:
+    """Log that the points lie clearly better on a model of another size."""
+    if estimate.evidence.size_gain > CLEARLY:
+        logger.warning(
+            "%s: the points lie better on a model about %.2f times as large: is the scan to scale, and the model the "
+            "right variant?",
+            scan.source, estimate.evidence.size,
+        )  # fmt: skip
 
 
 def bearing_out(fit: Fit, solution: Solution) -> Candidates:

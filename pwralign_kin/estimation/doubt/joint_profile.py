@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import BAND
+from pwralign_kin.estimation.search.tree_search import BAND, Ints
+from pwralign_kin.estimation.sensing.observation import at_most
 from pwralign_kin.se3 import Array, inverse
 
 MOST_STD = 3.0
@@ -24,6 +25,8 @@ UNMOVED = 1e-9
 """Placements that differ by less are the same."""
 APART = 2.5
 """Values farther apart than this many probe motions are different answers."""
+MOST_POINTS = 1500
+"""Points of either side that are looked at."""
 RIVALS = 2
 """Other answers that are worth a closer look, at most."""
 
@@ -46,10 +49,11 @@ class Profile:
     """Log-likelihood of the best value over the worst."""
 
 
-def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors) -> Profile:
+def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors, weak: bool) -> Profile:
     """Compare all values of one joint within its limits, the side with more points held in place.
 
-    Points have independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
+    Where the surface tells the joint only weakly that side is turned as well: it may be the round one. Points have
+    independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
     """
     search = solver.search
     here = Candidates.single(base, values)
@@ -63,20 +67,17 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     placed = search.part_placements(Candidates(bases, turned, np.zeros(len(tried), np.float32)))
     # By the value next to this one: a full turn brings everything back.
     next_to = int(np.argmin(np.where(steps == 0, np.inf, np.abs(steps))))
-    moves = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
-    if owned[moves].sum() > 0.5 * owned.sum():
-        first = int(np.argmax(moves))
-        back = T[first] @ inverse(placed[:, first])
-        bases, placed = back @ bases, back[:, None] @ placed
-        moves = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
-    # What the other side explains it explains whatever the value is.
-    on_side = (owner >= 0) & moves[owner]
-    points = np.ascontiguousarray(search.observation.given[on_side])
-    otherwise = search.assigned(points, T, search.exists & ~moves, BAND)[0].astype(float)
-    moved = search.distances(points, placed, search.exists & moves, BAND).astype(float)
-    left = np.minimum(moved, otherwise)
-    variance = errors.noise**2 + errors.systematic**2
-    cost = np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) / (2.0 * POINTS_AS_ONE)
+    hangs = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
+    back = T[np.argmax(hangs)] @ inverse(placed[:, np.argmax(hangs)])
+    sides = [(bases, placed, hangs), (back @ bases, back[:, None] @ placed, ~hangs)]
+    if owned[hangs].sum() > 0.5 * owned.sum():
+        sides.reverse()
+    bases, cost = sides[0][0], _cost(solver, T, owner, *sides[0][1:], errors)
+    cost -= cost[steps == 0]
+    if weak:
+        other = _cost(solver, T, owner, *sides[1][1:], errors)
+        other -= other[steps == 0]
+        bases, cost = np.where((other < cost)[:, None, None], sides[1][0], bases), np.minimum(cost, other)
     count = len(cost) if solver.model.continuous[joint] else None
     modes = _modes(cost, steps, count)
     others = cost[_away(steps, modes[0], count) > APART]
@@ -84,10 +85,28 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
         bases[modes],
         turned[modes],
         cost[modes] - cost.min(),
-        float(cost[steps == 0][0] - cost.min()),
+        -float(cost.min()),
         float(others.min() - cost.min()) if len(others) else float("inf"),
         float(np.ptp(cost)),
     )
+
+
+def _cost(
+    solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: NDArray[np.bool_], errors: Errors
+) -> Array:
+    """Return the negative log-likelihood (m,) of the points on the parts that move, when all are `placed`.
+
+    They move from `T` (parts, 4, 4) to each of (m, parts, 4, 4); `owner` (n,) is the part that each point lies on.
+    """
+    search = solver.search
+    on_side = search.observation.given[(owner >= 0) & moves[owner]]
+    points = at_most(np.ascontiguousarray(on_side), MOST_POINTS)
+    # What the other side explains it explains whatever the value is.
+    otherwise = search.assigned(points, T, search.exists & ~moves, BAND)[0].astype(float)
+    left = np.minimum(search.distances(points, placed, search.exists & moves, BAND).astype(float), otherwise)
+    variance = errors.noise**2 + errors.systematic**2
+    each = len(on_side) / max(len(points), 1) / (2.0 * POINTS_AS_ONE)
+    return np.asarray(np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) * each)
 
 
 def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:

@@ -83,11 +83,11 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     std = np.sqrt(np.diag(covariance(H, solver.locked, undetermined))[6:])
     loose = weak | (std > LOOSE * probe)
     if loose.any():
-        solution, sure = _compared(solver, solution, np.flatnonzero(loose), errors)
+        solution, sure = _compared(solver, solution, loose, weak, errors)
         undetermined &= ~sure
     parting = parted(solver, solution, errors)
     solution = parting.solution
-    undetermined |= parting.untold
+    undetermined = np.where(parting.held, parting.untold, undetermined)
     if undetermined.any():
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(undetermined):
@@ -98,9 +98,7 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     return solution, Doubt(undetermined, covariance(H, solver.locked, undetermined, parting.covariance))
 
 
-def _displaced(
-    solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], motions: Array
-) -> Array:
+def _displaced(solver: JointLeastSquares, solution: Solution, absent: NDArray[np.bool_], motions: Array) -> Array:
     """Return by how much (n,) (model diagonals) `motions` (n, 6 + k) of base and joints take what is seen off the
     model's triangles.
 
@@ -129,15 +127,19 @@ def _displaced(
 
 
 def _compared(
-    solver: JointLeastSquares, solution: Solution, loose: NDArray[np.int64], errors: Errors
+    solver: JointLeastSquares, solution: Solution, loose: NDArray[np.bool_], weak: NDArray[np.bool_], errors: Errors
 ) -> tuple[Solution, NDArray[np.bool_]]:
-    """Give loosely determined joints their best values; return too which (k,) have no rival to them."""
+    """Give loosely determined joints their best values; return too which (k,) have no rival to them.
+
+    The surface tells those that are `weak` (k,) hardly.
+    """
     search, sure = solver.search, np.zeros(len(solution.values), bool)
     rivals, of = [solution.configuration], [-1]
-    for joint in loose:
-        profile = profiled(solver, solution.base, solution.values, int(joint), errors)
+    for joint in np.flatnonzero(loose):
+        profile = profiled(solver, solution.base, solution.values, int(joint), errors, bool(weak[joint]))
         sure[joint] = profile.margin > NO_RIVAL
-        if profile.spread < BETTER:
+        # What is weakly told, and not alone, is undetermined whichever value is better.
+        if profile.spread < BETTER or (weak[joint] and not sure[joint]):
             continue
         worth = profile.behind < NO_RIVAL
         worth[0] &= profile.gain > 0.0

@@ -20,7 +20,7 @@ LEAST_DISPLACEMENT = 0.0018
 """it is determined when the surface of the observed parts then moves by this much (rms, model diagonals)."""
 PLAIN_DISPLACEMENT = 0.0036
 """From here on it is without a closer look: normals of samples of a round surface make it less round than it is."""
-WEAK_DISPLACEMENT = 0.0008
+WEAK_DISPLACEMENT = 0.0005
 """From here to there, it is if its other values are compared and none is as good: surfaces are rounder than they are
 told to be."""
 SYSTEMATIC_SHARE = 0.6

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.77, 5.5, 3.38, 0.45, -1.96, -0.53)
+PRESENT = (3.77, 5.5, 3.38, 0.45, -1.96, -0.53, -6.0)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
@@ -20,6 +20,8 @@ CONTINUED = (0.15, 0.55)
 that widen outlines a little more; beyond the second, more tells no more."""
 REFUTED = (0.1, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
+SIZE_GAIN = (0.025, 0.055)
+"""Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
 BENT = 0.4
@@ -42,7 +44,7 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
     is confirmed: masks leak and sensors bend surfaces, and scans have holes, but neither does both. In something else,
     answers turn most of the model away, many of them are about as good, surface that only coincides with the model's
-    goes on beyond it, and a view from one side looks past much of the model.
+    goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit better.
     """
     unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
     shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
@@ -53,6 +55,7 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
             10.0 * (np.clip(evidence.refuted, *REFUTED) - REFUTED[0]),
+            (np.clip(evidence.size_gain, *SIZE_GAIN) - SIZE_GAIN[0]) / (SIZE_GAIN[1] - SIZE_GAIN[0]),
         ]
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.evidence.other_size import SAME_SIZE
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import continued, continued_beside
 from pwralign_kin.estimation.search.tree_search import ALIKE, BAND, TreeSearch
@@ -91,9 +92,18 @@ class Evidence:
     points_per_part: float
     """Points that lie on the model, over its parts with surface."""
 
+    size: float
+    """How many times as large a model explains the points better; 1 where no other size does."""
+
+    size_gain: float
+    """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
-    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with."""
+    """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
+
+    Another size of the model is not looked for (`other_size`).
+    """
     observation = search.observation
     distance, part, cosine = search.lying(final)
     explained = distance <= search.reach
@@ -131,6 +141,8 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         refuted,
         beyond,
         float(points.sum() / search.exists.sum()),
+        SAME_SIZE.factor,
+        SAME_SIZE.gain,
     )
 
 

@@ -90,6 +90,7 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"in_sight": 0.5, "borne_out": 0.35, "astray": 0.3},
         {"refuted": 0.5},
         {"continued": 0.5},
+        {"size_gain": 0.05},
     ],
     ids=lambda worse: " ".join(worse),
 )
