@@ -139,7 +139,7 @@ class Estimator:
             solutions = answers.from_guess(observation.to_search(self.model.root_placement(initial)), prior)
         with watch.stage("finish"):
             finished = answers.finished(solutions)
-        solver = JointLeastSquares(self.model, search, lower, upper, self.options.least_squares)
+        solver = JointLeastSquares(self.model, answers.search, lower, upper, self.options.least_squares)
         return Fit(scan, solver, finished, prior, watch)
 
     def _finished(self, fit: Fit, initial: State | None) -> Estimate:

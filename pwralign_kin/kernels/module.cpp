@@ -346,6 +346,11 @@ void bind_search(nb::module_ &m) {
             nb::gil_scoped_release release;
             new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow, unreturned, threads);
         }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "unreturned"_a, "threads"_a)
+        .def("with_unreturned", [](const ScanField &self, float unreturned) {
+            ScanField other = self;
+            other.unreturned = unreturned;
+            return other;
+        }, "unreturned"_a)
         .def("nearest", [](const ScanField &self, Points points) {
             std::vector<int> nearest(points.shape(0));
             for (size_t i = 0; i < nearest.size(); ++i) nearest[i] = self.nearest(vectors(points)[i]);

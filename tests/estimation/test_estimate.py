@@ -494,3 +494,15 @@ def test_a_joint_that_much_noise_hides_is_weighed_all_the_same(arm: pk.Articulat
     estimate = pk.estimate(arm, simulated.scan)
     assert estimate.evidence.noise > 0.02
     assert estimate.evidence.strange > 0.0
+
+
+def test_a_view_of_which_a_mask_cuts_most_away_is_answered_with_confidence(excavator: pk.ArticulatedModel) -> None:
+    made = pk.simulate(excavator, sensor=TIERS["single"], seed=1)
+    scan, origin = made.scan, np.asarray(made.scan.sensor_origin)
+    forward = scan.points.mean(axis=0) - origin
+    across = np.cross(forward, np.random.default_rng(1).normal(size=3))
+    image = (scan.points - origin) @ across / ((scan.points - origin) @ forward)
+    cut = pk.Scan(scan.points[image > np.quantile(image, 0.6)], sensor_origin=origin)
+    estimate = pk.estimate(excavator, cut)
+    assert base_shift(excavator, estimate, made.state) < 0.01
+    assert estimate.confidence > 0.8

@@ -113,6 +113,7 @@ class AnswerSearch:
         """Take the prepared search, and correspondences of other sources."""
         self.model = model
         self.search = search
+        """What answers are compared by: at first as given."""
         self.options = options
         self.effort = EFFORTS[options.effort]
         self.repairing = replace(options.repair, rounds=min(options.repair.rounds, self.effort.repairs))
@@ -124,21 +125,25 @@ class AnswerSearch:
     def without_guess(self) -> Candidates:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
-        Where the first finds nothing convincing in a single view, the others take it that the view has holes, and all
-        answers are compared so. Wide beams take more time than another search: they come last.
+        Where the first finds nothing convincing, the others look at pieces of the scan as well, and take it that a
+        single view has holes: all answers are compared so, from then on. Wide beams take more time than another search:
+        they come last.
         """
         if self.search.observation.scene:
             return self._in_scene()
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
             search = self.search if attempt == 0 else self.search.tolerant()
-            several.append(self._once(self.options.seed + attempt, search))
+            several.append(self._once(self.options.seed + attempt, search, further=attempt > 0))
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
-                return best
-        with self.watch.stage("repair"):
-            return self._widely_repaired(search, best)
+                break
+        else:
+            with self.watch.stage("repair"):
+                best = self._widely_repaired(search, best)
+        self.search = search
+        return best
 
     def from_guess(self, base: Array, values: Array) -> Candidates:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
@@ -167,7 +172,8 @@ class AnswerSearch:
                 return first
             solutions = self._widely_repaired(search, self._reinterpreted(search, first))
         if search.unexplained(solutions.take([0])) > UNCONVINCING:
-            return self._distinct([solutions, self.without_guess()])
+            anywhere = self.without_guess()
+            return self._distinct([self.search.scored(solutions)[0], anywhere])
         return solutions
 
     def _from_guess_in_scene(self, start: Candidates) -> Candidates:
@@ -246,16 +252,18 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int, search: TreeSearch) -> Candidates:
-        """Search a scan of the model."""
-        found = self._found(seed, search)
+    def _once(self, seed: int, search: TreeSearch, *, further: bool) -> Candidates:
+        """Search a scan of the model; `further`, with more hypotheses."""
+        found = self._found(seed, search, further=further)
         with self.watch.stage("repair"):
             return self._narrowly_repaired(search, found, turn=True)
 
-    def _found(self, seed: int, search: TreeSearch, start: Candidates | None = None) -> Candidates:
-        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
+    def _found(
+        self, seed: int, search: TreeSearch, start: Candidates | None = None, *, further: bool = False
+    ) -> Candidates:
+        """Return what grows from hypotheses, `further` ones too, and a configuration to `start` from, refined."""
         with self.watch.stage("hypotheses"):
-            hypotheses = self._hypotheses(seed)
+            hypotheses = self._hypotheses(seed, search, further=further)
             if len(hypotheses.parts) == 0:
                 if start is not None:
                     return start
@@ -266,7 +274,8 @@ class AnswerSearch:
                 from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
                 grown = Candidates.concatenate([from_base, grown])
         with self.watch.stage("refinement"):
-            kept = search.sifted(grown, search.options.refined + search.many * search.options.more_refined)
+            count = search.options.refined + search.many * search.options.more_refined
+            kept = search.sifted(grown, count * (1 + further))
             if start is not None:
                 kept = Candidates.concatenate([start, kept])
             return search.scored(search.refined(kept))[0]
@@ -444,17 +453,19 @@ class AnswerSearch:
         together = Candidates.concatenate(several)
         return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
 
-    def _hypotheses(self, seed: int) -> Hypotheses:
-        """Return the part hypotheses that are grown.
+    def _hypotheses(self, seed: int, search: TreeSearch, *, further: bool) -> Hypotheses:
+        """Return the part hypotheses that are grown, `further` ones from pieces of the scan too.
 
         Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
         than small ones that lie anywhere on it.
         """
-        search, sources = self.search, self.options.sources
+        sources = self.options.sources
         found = self._outside(seed)
         if "pairs" in sources:
             found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
         promising = search.promising(found)
+        if further and "pairs" in sources:
+            promising = Hypotheses.concatenate([promising, search.piecewise_hypotheses(seed)])
         if "faces" not in sources:
             return promising
         largest = search.largest_parts(search.options.root_parts)

@@ -53,6 +53,11 @@ class SearchOptions:
     """Part hypotheses that are grown into whole configurations."""
     many_parts: int = 16
     """Models with more parts than this get `more_*` in addition."""
+    halvings: int = 3
+    """How often a scan that has no convincing answer is halved into pieces with hypotheses of their own, ..."""
+    anchors_per_piece: int = 50
+    roots_per_piece: int = 40
+    """... and how many of these are grown, of each piece."""
     more_root_parts: int = 4
     more_hypotheses: int = 3
     more_roots: int = 30
@@ -83,8 +88,8 @@ class SearchOptions:
     """Scan points that decide which of many candidates are worth refining."""
     support_weight: float = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
-    tolerant_support_weight: float = 0.2
-    """The same where a single view has no convincing answer, and may have holes."""
+    tolerant_unreturned: float = 0.1
+    """How free space is where no ray came back, once a single view has no convincing answer: it may have holes."""
     scene_support_weight: float = 1.5
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
     scene_normal_penalty: float = 1.8
@@ -188,13 +193,15 @@ class TreeSearch:
         return self._with(wide, self.searched)
 
     def tolerant(self) -> TreeSearch:
-        """Return the same search for a single view that may have holes: what it lacks of the model counts for little.
+        """Return the same search for a single view that may have holes: where no ray came back is hardly free space.
 
-        Through a hole a view seems to look past the model, so that the truth has much against it.
+        Masks cut pieces of a model away. Through them a view seems to look past it, so that the truth has much
+        against it, and false answers that hide what is missing have little.
         """
         if not self.observation.single_view or self.observation.scene:
             return self
-        return self._with(replace(self.options, support_weight=self.options.tolerant_support_weight), self.searched)
+        field = self.observation.field.with_unreturned(self.options.tolerant_unreturned)
+        return self.of(replace(self.observation, field=field))
 
     def about(self, candidate: Candidates, reach: float) -> TreeSearch:
         """Return the same search of only those points of a scene that are within `reach` of one candidate, if any.
@@ -244,6 +251,28 @@ class TreeSearch:
         return self.part_hypotheses(
             largest, [points] * len(largest), anchors, seed, round(more * self._per_part), self.observation.weights
         )
+
+    def piecewise_hypotheses(self, seed: int) -> Hypotheses:
+        """Return promising poses of the largest parts from oriented point pairs within each of some pieces of the scan.
+
+        What is left of a part that is cut or covered makes a worse pose than whole parts that only coincide with
+        surface elsewhere: each piece has its own share.
+        """
+        o = self.options
+        largest = self.largest_parts(o.root_parts + self.many * o.more_root_parts)
+        pieces = halved(self.observation.points, np.arange(len(self.observation.points)), o.halvings)
+        return Hypotheses.concatenate(
+            [
+                self.promising(
+                    self.part_hypotheses(
+                        largest, [piece] * len(largest), o.anchors_per_piece, seed, self._per_part,
+                        self.observation.weights,
+                    ),
+                    o.roots_per_piece,
+                )
+                for piece in pieces
+            ]
+        )  # fmt: skip
 
     def part_hypotheses(
         self, parts: Ints, points: Sequence[NDArray[np.int64]], anchors: int, seed: int, count: int, weights: Float
@@ -558,3 +587,13 @@ class TreeSearch:
         several sets of placements (m, parts, 4, 4)."""
         flat = np.ascontiguousarray(placements).reshape(-1, 4, 4)
         return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach))
+
+
+def halved(points: Float, chosen: NDArray[np.int64], times: int) -> list[NDArray[np.int64]]:
+    """Return the `chosen` of some points (n, 3) in two to the power of `times` compact pieces of equal size."""
+    if times == 0:
+        return [chosen]
+    along = points[chosen][:, int(np.argmax(points[chosen].std(axis=0)))]
+    order = chosen[np.argsort(along, kind="stable")]
+    middle = len(order) // 2
+    return halved(points, order[:middle], times - 1) + halved(points, order[middle:], times - 1)

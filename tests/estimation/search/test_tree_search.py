@@ -10,7 +10,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch, halved
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.model.surface import Surface, kernel_model
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -111,6 +111,47 @@ def test_a_view_contradicts_surface_in_free_space(
     nearer = true.bases.copy()
     nearer[0, :3, 3] += 0.3 * (sensor - nearer[0, :3, 3]) / np.linalg.norm(sensor - nearer[0, :3, 3])
     assert search.is_contradicted(Candidates(nearer, true.values, NONE))
+
+
+def test_what_a_mask_cuts_away_hardly_contradicts_a_tolerant_search(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    scan = single_scan.scan
+    kept = scan.points[:, 0] > np.quantile(scan.points[:, 0], 0.4)
+    cut = pk.Scan(scan.points[kept], sensor_origin=scan.sensor_origin)
+    observation = observe(cut, arm.diagonal, ObservationOptions(), 2)
+    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    true = true_candidate(arm, search, single_scan, units)
+    assert search.is_contradicted(true)
+    assert not search.tolerant().is_contradicted(true)
+    # What the sensor saw something through is free all the same.
+    sensor = observation.scaled(np.asarray(cut.sensor_origin, float).reshape(1, 3))[0]
+    nearer = true.bases.copy()
+    nearer[0, :3, 3] += 0.1 * (sensor - nearer[0, :3, 3]) / np.linalg.norm(sensor - nearer[0, :3, 3])
+    assert search.tolerant().is_contradicted(Candidates(nearer, true.values, NONE))
+
+
+def test_each_piece_of_a_scan_has_hypotheses_of_its_own(search: TreeSearch) -> None:
+    points = search.observation.points
+    pieces = halved(points, np.arange(len(points)), search.options.halvings)
+    np.testing.assert_array_equal(np.sort(np.concatenate(pieces)), np.arange(len(points)))
+    assert np.ptp([len(piece) for piece in pieces]) <= 1
+    found = search.piecewise_hypotheses(0)
+    whole = search.promising(search.pair_hypotheses(0))
+    radius = 0.25 * float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def beside(hypotheses: Hypotheses) -> list[int]:
+        placed = [
+            search.surfaces[part].samples[:20] @ T[:3, :3].T + T[:3, 3]
+            for part, T in zip(hypotheses.parts, hypotheses.placements, strict=True)
+        ]
+        return [
+            sum(float(np.linalg.norm(own.mean(axis=0) - points[piece].mean(axis=0))) < radius for own in placed)
+            for piece in pieces
+        ]
+
+    assert min(beside(found)) > min(beside(whole))
+    assert len(found.parts) <= len(pieces) * search.options.roots_per_piece
 
 
 def test_views_from_all_sides_contradict_nothing(search: TreeSearch, right: Candidates) -> None:
