@@ -107,9 +107,11 @@ class Tracking {
         Vec centre; // of the sphere, as placed
     };
     void examine(Vec p);
+    bool thin(float size, int most);
     void settle();
     void place(const Rigid &base, const double *values);
     void assign(const SplitPoints &points, float cap);
+    bool meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, float &cosine) const;
     bool faces_sensor(Vec p, Vec n, float cosine) const;
     bool is_hidden(Vec p) const;
     bool is_beyond_image(Vec p) const;
