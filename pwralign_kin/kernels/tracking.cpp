@@ -430,9 +430,11 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
     if (tolerance <= 0) tolerance = explained_within(out.noise);
     std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
-    float all = 0, close_by = 0;
+    float all = 0, close_by = 0, cost = 0;
     for (size_t i = 0; i < owner.size(); ++i) {
         const int p = owner[i];
+        const float squared = distance[i] * distance[i];
+        cost += p < 0 ? 1 : squared / (squared + tolerance * tolerance);
         if (p < 0) continue;
         const bool fits = distance[i] < tolerance;
         (fits ? explained : strays)[p] += 1;
@@ -440,6 +442,7 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     }
     out.tolerance = tolerance;
     out.coverage = owner.empty() ? 0 : all / float(owner.size());
+    out.cost = owner.empty() ? 1 : cost / float(owner.size());
     out.agreement = close_by > 0 ? all / close_by : 0;
     double total = 0, supported = 0, hidden = 0;
     for (int p = 0; p < model.parts; ++p) {

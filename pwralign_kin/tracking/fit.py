@@ -45,6 +45,8 @@ class Fit:
     """Share of the facing surface that nothing hides and that lies within the image."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
+    cost: float = 1.0
+    """Robust mean square of the points' distances, 1 far beyond what is explained."""
     points: int = 0
     """Points used."""
     strays: Array = field(default_factory=lambda: np.zeros(0))
@@ -56,6 +58,12 @@ class Fit:
     levers: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
+
+
+    @property
+    def against(self) -> float:
+        """How much speaks against it, in points: those that are off, and surface that should be seen but is not."""
+        return self.points * (self.cost + 1.0 - self.support)
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,11 @@ class FrameFitting:
         as `fitted` takes it, and whether any was found: see `local_search.swept`."""
         return local_search.swept(self.native, self._inward(T), values, ranges, rounds)
 
+    def against(self, T: Array, values: Array, usual: Usual) -> float:
+        """Return how much speaks against a placement (4, 4) in the scan frame and values (k,): see `Fit.against`."""
+        *_, support, cost = self.native.judge(self._inward(T)[None], values, usual.tolerance)
+        return float(cost + 1.0 - support)
+
     def _inward(self, T: Array) -> Array:
         """Return a base placement in model diagonals about the centre of the frame."""
         inside = T.copy()
@@ -117,7 +122,7 @@ class FrameFitting:
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / doubt, 0.0)
         conditional = np.diag(information)[6:] - np.diag(believed)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
-        noise, tolerance, coverage, agreement, visible, support = native.judge(T[None], fitted, tolerance)
+        noise, tolerance, coverage, agreement, visible, support, cost = native.judge(T[None], fitted, tolerance)
         strays, missing = self._part_misfits()
         if not self.viewed:  # what is in front of the model, or behind it, cannot be told
             agreement = coverage
@@ -132,6 +137,7 @@ class FrameFitting:
             agreement=agreement,
             visible=visible,
             support=support,
+            cost=cost,
             points=native.points,
             strays=strays,
             missing=missing,

@@ -76,6 +76,13 @@ BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
 
+TRIALS, TRIED, FITTED = 5, 32, 4
+"""Joints that come back after they were not told for a while may have come to rest on what is not theirs: so often, ..."""
+"""after waits that double, so many values of them are tried, and the best fitted."""
+
+EVIDENT = 3.0
+"""Points by which one of two fits must do better to be the right one for sure."""
+
 MOST_DOUBT = 16
 """Frames between two searches about a suspected configuration that found nothing, at most; the wait doubles."""
 
@@ -109,6 +116,8 @@ class Tracker:
         self._much_doubt = np.minimum(UNDETERMINED, MUCH_DOUBT * self._most_doubt)
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._doubt, self._doubted, self._vain = 1, 0, 0
+        self._back, self._apart, self._trial, self._waiting = self._most_doubt * 0.0, self._most_doubt * 0.0, 0, 0
+        self._random = np.random.default_rng(0)
         self._motion: Motion | None = None
         self._usual: Usual | None = None
         self._missed = 0
@@ -196,6 +205,7 @@ class Tracker:
             fit = self._freed(fit, expected, freed, limit)
         if fit.visible == 0.0 or fit.points < LEAST_POINTS:
             return fit
+        fit = self._tried(fit, expected, limit)
         poor = usual.quality(fit) < DOUBTFUL
         if poor:
             for start_from in (expected, replace(before, time=expected.time, covariance=expected.covariance)):
@@ -241,6 +251,50 @@ class Tracker:
         other = self._fitting.fitted(expected, self._usual, limit, start=(T, values), held=expected.held & ~freed)
         assert self._usual is not None
         return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
+
+    def _tried(self, fit: Fit, expected: Motion, limit: float) -> Fit:
+        """Return the best fit about other values of joints that came back lately."""
+        doubt = expected.deviations[6:]
+        untold = self._untold(fit, expected)
+        back = expected.held & ~untold & (doubt > NEAR)
+        self._back = np.where(back, np.maximum(doubt, self._back), np.where(untold, 0.0, self._back))
+        self._apart = np.where(self._back > 0.0, self._apart, 0.0)
+        if back.any():
+            self._trial, self._waiting = 0, 0
+        on_trial = self._back > 0.0
+        if not on_trial.any() or clock.perf_counter() >= limit:
+            return fit
+        if self._waiting:
+            self._waiting -= 1
+            return fit
+        assert self._usual is not None
+        fits = [fit, *self._others(fit, expected, on_trial)]
+        best = min(fits, key=lambda other: other.against)
+        if best.against > fit.against - EVIDENT:
+            best = fit
+        near = [other for other in fits if other.against < best.against + EVIDENT]
+        self._apart = np.where(on_trial, np.max([np.abs(other.values - best.values) for other in near], axis=0), 0.0)
+        self._trial += 1
+        self._waiting = 2**self._trial - 1
+        if self._trial == TRIALS:
+            self._back = np.zeros_like(self._back)
+        return best
+
+    def _others(self, fit: Fit, expected: Motion, on_trial: NDArray[np.bool_]) -> list[Fit]:
+        """Return fits from the best of many values of joints on trial."""
+        usual = self._usual
+        assert usual is not None
+        lower, upper = self.model.lower / self._unit, self.model.upper / self._unit
+        off = self._random.uniform(-1.0, 1.0, (TRIED, len(lower))) * np.where(on_trial, SWEPT_DEVIATIONS * self._back, 0.0)
+        starts = np.clip(fit.values + off, lower, upper)
+        order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
+        wide = expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2])
+        loose = replace(expected, covariance=wide)
+        T = self._fitting._inward(fit.T)
+        held = expected.held & self._untold(fit, expected)
+        return [
+            self._fitting.fitted(loose, usual, np.inf, start=(T, starts[i]), held=held) for i in order[:FITTED]
+        ]
 
     def _swept(self, fit: Fit, expected: Motion, ranges: Array, limit: float) -> Fit:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
@@ -361,6 +415,7 @@ class Tracker:
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
         covariance = self._covariance(fit) if self.options.covariance and found else None
         doubt = self._most_doubt if self._usual is None else self._motion.deviations[6:]
+        doubt = np.hypot(doubt, self._apart)
         if found:
             systematic = SYSTEMATIC / np.maximum(fit.levers, 1e-9)
             doubt = np.where(self._motion.held, doubt, np.hypot(doubt, systematic))
