@@ -76,7 +76,7 @@ BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
 
-TRIALS, TRIED, FITTED = 5, 32, 4
+TRIALS, TRIED, FITTED = 5, 64, 4
 """Joints that come back after they were not told for a while may have come to rest on what is not theirs: so often, ..."""
 """after waits that double, so many values of them are tried, and the best fitted."""
 
@@ -205,7 +205,6 @@ class Tracker:
             fit = self._freed(fit, expected, freed, limit)
         if fit.visible == 0.0 or fit.points < LEAST_POINTS:
             return fit
-        fit = self._tried(fit, expected, limit)
         poor = usual.quality(fit) < DOUBTFUL
         if poor:
             for start_from in (expected, replace(before, time=expected.time, covariance=expected.covariance)):
@@ -214,7 +213,7 @@ class Tracker:
                 other = self._fitting.fitted(start_from, usual, limit, wide=True)
                 if usual.misfit(other) < usual.misfit(fit):
                     fit = other
-        return self._searched_about(fit, expected, limit)
+        return self._tried(self._searched_about(fit, expected, limit), expected, limit)
 
     def _searched_about(self, fit: Fit, expected: Motion, limit: float) -> Fit:
         """Return what fits a frame better where parts of the model do not fit or have not been seen for a while.
@@ -264,17 +263,18 @@ class Tracker:
         on_trial = self._back > 0.0
         if not on_trial.any() or clock.perf_counter() >= limit:
             return fit
-        if self._waiting:
+        assert self._usual is not None
+        if self._waiting and not self._usual.doubts(fit):
             self._waiting -= 1
             return fit
-        assert self._usual is not None
         fits = [fit, *self._others(fit, expected, on_trial)]
         best = min(fits, key=lambda other: other.against)
         if best.against > fit.against - EVIDENT:
             best = fit
         near = [other for other in fits if other.against < best.against + EVIDENT]
         self._apart = np.where(on_trial, np.max([np.abs(other.values - best.values) for other in near], axis=0), 0.0)
-        self._trial += 1
+        if not self._usual.doubts(best):
+            self._trial += 1
         self._waiting = 2**self._trial - 1
         if self._trial == TRIALS:
             self._back = np.zeros_like(self._back)
@@ -285,7 +285,7 @@ class Tracker:
         usual = self._usual
         assert usual is not None
         lower, upper = self.model.lower / self._unit, self.model.upper / self._unit
-        off = self._random.uniform(-1.0, 1.0, (TRIED, len(lower))) * np.where(on_trial, SWEPT_DEVIATIONS * self._back, 0.0)
+        off = self._random.normal(size=(TRIED, len(lower))) * np.where(on_trial, self._back, 0.0)
         starts = np.clip(fit.values + off, lower, upper)
         order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
         wide = expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2])
