@@ -61,7 +61,7 @@ TOLD, VAGUE = 0.75, float(np.radians(8.0))
 """A frame tells a joint when it takes away this share of its variance and leaves a smaller deviation than the second;
 others keep their value."""
 
-SYSTEMATIC = 0.0009
+SYSTEMATIC = 0.0005
 """Models are no rounder or smoother than this (model diagonals): a joint that moves the surface that is seen by less
 may as well not have moved."""
 
@@ -76,9 +76,9 @@ BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
 
-TRIALS, TRIED, FITTED = 5, 64, 4
-"""Joints that come back after they were not told for a while may have come to rest on what is not theirs: so often, ..."""
-"""after waits that double, so many values of them are tried, and the best fitted."""
+TRIALS, TRIED, FITTED, BELIEVED = 5, 48, 3, 2
+"""Joints that come back may have come to rest on what is not theirs: so often, after waits that double, so many values
+of them are tried, and so many of the best are fitted; after so many trials without doubt they are believed."""
 
 EVIDENT = 3.0
 """Points by which one of two fits must do better to be the right one for sure."""
@@ -273,8 +273,11 @@ class Tracker:
             best = fit
         near = [other for other in fits if other.against < best.against + EVIDENT]
         self._apart = np.where(on_trial, np.max([np.abs(other.values - best.values) for other in near], axis=0), 0.0)
-        if not self._usual.doubts(best):
+        doubted = self._usual.doubts(best)
+        if not doubted:
             self._trial += 1
+        if doubted or self._trial < BELIEVED:
+            self._apart = np.maximum(self._apart, self._back)
         self._waiting = 2**self._trial - 1
         if self._trial == TRIALS:
             self._back = np.zeros_like(self._back)
