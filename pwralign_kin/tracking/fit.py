@@ -62,7 +62,6 @@ class Fit:
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
 
-
     @property
     def against(self) -> float:
         """How much speaks against it, in points: those that are off, and surface that should be seen but is not."""

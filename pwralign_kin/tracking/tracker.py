@@ -116,8 +116,9 @@ class Tracker:
         self._much_doubt = np.minimum(UNDETERMINED, MUCH_DOUBT * self._most_doubt)
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._doubt, self._doubted, self._vain = 1, 0, 0
-        self._back, self._apart, self._trial, self._waiting = self._most_doubt * 0.0, self._most_doubt * 0.0, 0, 0
-        self._random = np.random.default_rng(0)
+        # Joints on trial: their deviations when they came back (else 0), and how far values are apart that fit as well.
+        self._back, self._apart = np.zeros_like(self._most_doubt), np.zeros_like(self._most_doubt)
+        self._trial, self._waiting, self._random = 0, 0, np.random.default_rng(0)
         self._motion: Motion | None = None
         self._usual: Usual | None = None
         self._missed = 0
@@ -252,52 +253,47 @@ class Tracker:
         return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
 
     def _tried(self, fit: Fit, expected: Motion, limit: float) -> Fit:
-        """Return the best fit about other values of joints that came back lately."""
-        doubt = expected.deviations[6:]
-        untold = self._untold(fit, expected)
+        """Return the best fit about other values of joints that came back lately, and doubt them until it is clear."""
+        usual = self._usual
+        assert usual is not None
+        untold, doubt = self._untold(fit, expected), expected.deviations[6:]
         back = expected.held & ~untold & (doubt > NEAR)
         self._back = np.where(back, np.maximum(doubt, self._back), np.where(untold, 0.0, self._back))
-        self._apart = np.where(self._back > 0.0, self._apart, 0.0)
+        on_trial = self._back > 0.0
+        self._apart = np.where(on_trial, self._apart, 0.0)
         if back.any():
             self._trial, self._waiting = 0, 0
-        on_trial = self._back > 0.0
         if not on_trial.any() or clock.perf_counter() >= limit:
             return fit
-        assert self._usual is not None
-        if self._waiting and not self._usual.doubts(fit):
+        if self._waiting and not usual.doubts(fit):
             self._waiting -= 1
             return fit
-        fits = [fit, *self._others(fit, expected, on_trial)]
+        fits = [fit, *self._others(fit, expected, limit)]
         best = min(fits, key=lambda other: other.against)
         if best.against > fit.against - EVIDENT:
             best = fit
-        near = [other for other in fits if other.against < best.against + EVIDENT]
-        self._apart = np.where(on_trial, np.max([np.abs(other.values - best.values) for other in near], axis=0), 0.0)
-        doubted = self._usual.doubts(best)
-        if not doubted:
-            self._trial += 1
+        near = [other.values for other in fits if other.against < best.against + EVIDENT]
+        doubted = usual.doubts(best)
+        self._trial += not doubted
+        self._waiting = 2**self._trial - 1
+        self._apart = np.where(on_trial, np.abs(near - best.values).max(axis=0), 0.0)
         if doubted or self._trial < BELIEVED:
             self._apart = np.maximum(self._apart, self._back)
-        self._waiting = 2**self._trial - 1
         if self._trial == TRIALS:
             self._back = np.zeros_like(self._back)
         return best
 
-    def _others(self, fit: Fit, expected: Motion, on_trial: NDArray[np.bool_]) -> list[Fit]:
-        """Return fits from the best of many values of joints on trial."""
+    def _others(self, fit: Fit, expected: Motion, limit: float) -> list[Fit]:
+        """Return fits from the best of many values of the joints on trial, all other variables as they are."""
         usual = self._usual
         assert usual is not None
-        lower, upper = self.model.lower / self._unit, self.model.upper / self._unit
-        off = self._random.normal(size=(TRIED, len(lower))) * np.where(on_trial, self._back, 0.0)
-        starts = np.clip(fit.values + off, lower, upper)
+        random = self._random.normal(size=(TRIED, len(self._back)))
+        starts = np.clip(fit.values + random * self._back, self.model.lower / self._unit, self.model.upper / self._unit)
         order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
-        wide = expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2])
-        loose = replace(expected, covariance=wide)
-        T = self._fitting._inward(fit.T)
+        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2]))
         held = expected.held & self._untold(fit, expected)
-        return [
-            self._fitting.fitted(loose, usual, np.inf, start=(T, starts[i]), held=held) for i in order[:FITTED]
-        ]
+        T = self._fitting.inward(fit.T)
+        return [self._fitting.fitted(loose, usual, limit, start=(T, starts[i]), held=held) for i in order[:FITTED]]
 
     def _swept(self, fit: Fit, expected: Motion, ranges: Array, limit: float) -> Fit:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
