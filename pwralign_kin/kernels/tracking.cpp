@@ -261,7 +261,10 @@ bool Tracking::meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, 
     const Vec way = local - from, ray = (1 / norm(way)) * way;
     Vec x = local;
     for (int step = 0; step <= steps_along_ray; ++step) {
-        if (step && (sample = s.sample_at(x)) < 0) return false;
+        const int nearest = step ? s.sample_at(x) : sample;
+        if (nearest < 0) return false;
+        if (step && nearest == sample) break;
+        sample = nearest;
         const OrientedPoint &o = s.dense[sample];
         cosine = -dot(ray, o.n);
         if (cosine < grazing) return false;
