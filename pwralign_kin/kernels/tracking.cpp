@@ -213,7 +213,7 @@ bool Tracking::thin(float size, int most) {
 
 // Thin the points evenly over the surfaces, as little as may be: the mean of each cell, then every so many.
 void Tracking::settle() {
-    float size = finest * cell;
+    float size = has_sensor ? finest * cell : cell; // closest samples follow the noise that means take away
     while (!thin(size, size < cell ? most_points : candidates_per_point * most_points)) size *= 2;
     for (const Sum &sum : sums) kept.push_back((1 / sum.count) * sum.p);
     if (int(kept.size()) > most_points) {
