@@ -327,7 +327,7 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             if (has_sensor && residual < 0 && !faces_sensor(foot, n, -.1f)) continue;
             if (distance < matched_distance) ++matched, squares += double(distance) * distance;
             // The sensor errs along the ray: across a slanted surface, less.
-            const float w = weight * kernel * kernel / (cosine * cosine + least_error);
+            const float w = weight * kernel * kernel * (1 + least_error) / (cosine * cosine + least_error);
             normal[p].add_plane(foot - about, n, residual, w);
             if (on_ray) continue;
             // Beyond an edge of the surface the distance has a part along the surface too.
