@@ -55,6 +55,14 @@ struct Surface {
         const auto whole = [](FloatLanes v) { return __builtin_convertvector(v, IntLanes); };
         return inside ? (whole(x) * dims[1] + whole(y)) * dims[2] + whole(z) : IntLanes{} - 1;
     }
+    // The dense sample that is closest to a local position, -1 where none is near.
+    int sample_at(Vec local) const {
+        const float x = (local.x - grid_origin.x) * inverse, y = (local.y - grid_origin.y) * inverse,
+                    z = (local.z - grid_origin.z) * inverse;
+        if (!(x >= 0 && y >= 0 && z >= 0 && x < float(dims[0]) && y < float(dims[1]) && z < float(dims[2]))) return -1;
+        const uint16_t named = grid[(int64_t(x) * dims[1] + int64_t(y)) * dims[2] + int64_t(z)];
+        return named == none ? -1 : int(named);
+    }
     // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each: `aside`
     // is how far beyond its rim the position lies.
     float distance_to(int sample, Vec local, float &aside) const {

@@ -698,7 +698,7 @@ void bind_tracking(nb::module_ &m) {
                 nb::gil_scoped_release release;
                 own = self.judge(read_placement(base.data()), values.data(), tolerance);
             }
-            return nb::make_tuple(own.noise, own.tolerance, own.coverage, own.agreement, own.visible, own.supported);
+            return nb::make_tuple(own.noise, own.tolerance, own.coverage, own.agreement, own.visible, own.supported, own.cost);
         }, "base"_a, "values"_a, "tolerance"_a)
         .def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); }, nb::rv_policy::move)
         .def_prop_ro("explained", [](const Tracking &self) { return to_numpy(std::vector<float>(self.explained)); }, nb::rv_policy::move)

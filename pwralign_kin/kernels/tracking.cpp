@@ -18,6 +18,10 @@ constexpr float close_distance = .05f;        // a point nearer to the model, bu
 constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
 constexpr int most_swept = 48;                // values to either side
 constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
+constexpr float grazing = .1f;                // cosine below which a ray does not tell where it meets the surface
+constexpr float least_error = .1f;            // squared, across a surface: of what is 1 along the ray
+constexpr int steps_along_ray = 3;            // from the closest sample to where the ray meets the surface
+constexpr float finest = .25f;                // of the cell: where there are few points, cells are smaller
 constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
 constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
 constexpr double independent_share = .5;      // of the points
@@ -181,11 +185,11 @@ template void Tracking::look(const double *, int64_t);
 template void Tracking::look(const float *, const PinholeView &);
 template void Tracking::look(const uint16_t *, const PinholeView &);
 
-// Thin the points around the model evenly over the surfaces: the mean of each cell, then every so many.
-void Tracking::settle() {
-    const int most = candidates_per_point * most_points;
-    const int stride = (int(candidates.size()) + most - 1) / most;
-    thinned.clear(cell), sums.clear();
+// Sum up the points around the model in each cell; false once there are more than `most`.
+bool Tracking::thin(float size, int most) {
+    const int examined = candidates_per_point * most_points;
+    const int stride = (int(candidates.size()) + examined - 1) / examined;
+    thinned.clear(size), sums.clear();
     for (size_t i = 0; i < candidates.size(); i += stride) {
         const Vec p = candidates[i];
         const bool close = std::any_of(bounds.begin(), bounds.end(), [&](const Bounds &b) {
@@ -200,9 +204,17 @@ void Tracking::settle() {
             sums[at].p = sums[at].p + p, sums[at].count += 1;
             continue;
         }
+        if (int(sums.size()) == most) return false;
         thinned.put(slot, p, int(sums.size()));
         sums.push_back({p, 1});
     }
+    return true;
+}
+
+// Thin the points evenly over the surfaces, as little as may be: the mean of each cell, then every so many.
+void Tracking::settle() {
+    float size = has_sensor ? finest * cell : cell; // closest samples follow the noise that means take away
+    while (!thin(size, size < cell ? most_points : candidates_per_point * most_points)) size *= 2;
     for (const Sum &sum : sums) kept.push_back((1 / sum.count) * sum.p);
     if (int(kept.size()) > most_points) {
         for (int i = 0; i < most_points; ++i) kept[i] = kept[size_t(i) * kept.size() / most_points];
@@ -240,6 +252,33 @@ bool Tracking::is_beyond_image(Vec p) const {
     return u < 0 || v < 0 || u > image.width - 1 || v > image.height - 1;
 }
 
+// Where the ray from the sensor to a point p meets a part near one of its samples: there the surface's normal owes nothing
+// to the error of the point, which the closest sample follows. False where it grazes or misses the surface.
+bool Tracking::meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, float &cosine) const {
+    const Surface &s = model.surface[part];
+    const RigidF &at = F[part];
+    const Vec local = apply_inverse(at, p), from = apply_inverse(at, sensor);
+    const Vec way = local - from, ray = (1 / norm(way)) * way;
+    Vec x = local;
+    for (int step = 0; step <= steps_along_ray; ++step) {
+        const int nearest = step ? s.sample_at(x) : sample;
+        if (nearest < 0) return false;
+        if (step && nearest == sample) break;
+        sample = nearest;
+        const OrientedPoint &o = s.dense[sample];
+        cosine = -dot(ray, o.n);
+        if (cosine < grazing) return false;
+        const float along = dot(local - o.p, o.n) / cosine;
+        if (!(std::abs(along) * cosine < cap)) return false;
+        x = local + along * ray;
+    }
+    const OrientedPoint &o = s.dense[sample];
+    const Vec off = x - o.p;
+    if (dot(off, off) > 4 * s.slack * s.slack) return false;
+    foot = apply(at, x), n = rotate(at, o.n);
+    return true;
+}
+
 // Find the part nearest to each point, within a cap.
 void Tracking::assign(const SplitPoints &points, float cap) {
     distance.assign(points.size + lane_count, cap), owner.assign(points.size, -1), sample.resize(points.size);
@@ -265,6 +304,7 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
         all |= iteration + 1 == iterations;
         const size_t level = all ? 0 : progress < 1 ? 2 : 1, stride = strides[level];
         const float cap = std::max(3 * sigma + .005f, matched_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
+        const bool along_rays = has_sensor && progress >= 1;
         int matched = 0;
         double squares = 0;
         place(base, values);
@@ -277,14 +317,19 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
             if (p < 0) continue;
             const float distance = this->distance[at];
             const OrientedPoint &s = model.surface[p].dense[sample[at]];
-            const Vec n = rotate(F[p], s.n), foot = apply(F[p], s.p);
+            Vec n, foot;
+            float cosine = 1;
+            const bool on_ray = along_rays && meets(kept[i], p, sample[at], cap, foot, n, cosine);
+            if (!on_ray) n = rotate(F[p], s.n), foot = apply(F[p], s.p), cosine = 1;
             const Vec offset = kept[i] - foot;
             const float residual = dot(offset, n), kernel = squared / (squared + distance * distance);
             // No sensor sees a surface's back; but a point that stands out beyond it shows where the outline is.
             if (has_sensor && residual < 0 && !faces_sensor(foot, n, -.1f)) continue;
             if (distance < matched_distance) ++matched, squares += double(distance) * distance;
-            const float w = weight * kernel * kernel;
+            // The sensor errs along the ray: across a slanted surface, less.
+            const float w = weight * kernel * kernel * (1 + least_error) / (cosine * cosine + least_error);
             normal[p].add_plane(foot - about, n, residual, w);
+            if (on_ray) continue;
             // Beyond an edge of the surface the distance has a part along the surface too.
             const Vec along = offset - residual * n;
             const float length = norm(along), aside = length - model.surface[p].slack;
@@ -388,9 +433,11 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
     if (tolerance <= 0) tolerance = explained_within(out.noise);
     std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
-    float all = 0, close_by = 0;
+    float all = 0, close_by = 0, cost = 0;
     for (size_t i = 0; i < owner.size(); ++i) {
         const int p = owner[i];
+        const float squared = distance[i] * distance[i];
+        cost += p < 0 ? 1 : squared / (squared + tolerance * tolerance);
         if (p < 0) continue;
         const bool fits = distance[i] < tolerance;
         (fits ? explained : strays)[p] += 1;
@@ -398,6 +445,7 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     }
     out.tolerance = tolerance;
     out.coverage = owner.empty() ? 0 : all / float(owner.size());
+    out.cost = owner.empty() ? 1 : cost / float(owner.size());
     out.agreement = close_by > 0 ? all / close_by : 0;
     double total = 0, supported = 0, hidden = 0;
     for (int p = 0; p < model.parts; ++p) {

@@ -63,6 +63,7 @@ struct TrackingJudgement {
     float agreement = 0; // the same of the points that are close to the model
     float visible = 0;   // share of the surface facing the sensor that is not behind something else or outside the image
     float supported = 0; // share of the visible that is at a point of the frame
+    float cost = 0;      // robust mean square of the points' distances, 1 far beyond the tolerance
 };
 
 // Distance within which points of a noise (standard deviation) are explained: beyond the noise, models are not exact.
@@ -107,9 +108,11 @@ class Tracking {
         Vec centre; // of the sphere, as placed
     };
     void examine(Vec p);
+    bool thin(float size, int most);
     void settle();
     void place(const Rigid &base, const double *values);
     void assign(const SplitPoints &points, float cap);
+    bool meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, float &cosine) const;
     bool faces_sensor(Vec p, Vec n, float cosine) const;
     bool is_hidden(Vec p) const;
     bool is_beyond_image(Vec p) const;

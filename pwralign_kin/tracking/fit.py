@@ -24,6 +24,9 @@ CLEAR = 0.9
 SUSPECT = 0.25
 """A part is suspected when so much more of its points or of its visible surface than usual does not fit."""
 
+COSTLY = 1.2
+"""A fit is doubted when so many times as much as usual speaks against it."""
+
 FORGETTING = 0.02
 """Share of what is usual that each frame renews."""
 
@@ -45,6 +48,8 @@ class Fit:
     """Share of the facing surface that nothing hides and that lies within the image."""
     support: float = 0.0
     """Share of the visible surface that the frame shows."""
+    cost: float = 1.0
+    """Robust mean square of the points' distances, 1 far beyond what is explained."""
     points: int = 0
     """Points used."""
     strays: Array = field(default_factory=lambda: np.zeros(0))
@@ -56,6 +61,11 @@ class Fit:
     levers: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
+
+    @property
+    def against(self) -> float:
+        """How much speaks against it, in points: those that are off, and surface that should be seen but is not."""
+        return self.points * (self.cost + 1.0 - self.support)
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,8 @@ class Usual:
     """Of the distances of points close to the model, model diagonals."""
     sigma: float
     """Robust scale at the end of a fit."""
+    cost: float
+    """Robust mean square of the points' distances."""
     strays: Array
     missing: Array
     confidence: float
@@ -78,7 +90,15 @@ class Usual:
     def of(cls, fit: Fit, confidence: float) -> Usual:
         """Return what a first fit makes usual."""
         return cls(
-            fit.coverage, fit.agreement, fit.support, fit.noise, _sigma(fit), fit.strays, fit.missing, confidence
+            coverage=fit.coverage,
+            agreement=fit.agreement,
+            support=fit.support,
+            noise=fit.noise,
+            sigma=_sigma(fit),
+            cost=fit.cost,
+            strays=fit.strays,
+            missing=fit.missing,
+            confidence=confidence,
         )
 
     @property
@@ -103,6 +123,10 @@ class Usual:
         """Return the parts (parts,) that fit clearly worse than usual."""
         return np.asarray((fit.strays > self.strays + SUSPECT) | (fit.missing > self.missing + SUSPECT))
 
+    def doubts(self, fit: Fit) -> bool:
+        """Return whether clearly more than usual speaks against a fit, however little of the whole it is."""
+        return fit.against > COSTLY * fit.points * (self.cost + 1.0 - self.support)
+
     def renewed(self, fit: Fit) -> Usual:
         """Return the usual after another good fit."""
 
@@ -116,6 +140,7 @@ class Usual:
             support=mixed(self.support, fit.support),
             noise=mixed(self.noise, fit.noise),
             sigma=mixed(self.sigma, _sigma(fit)),
+            cost=mixed(self.cost, fit.cost),
             strays=mixed(self.strays, fit.strays),
             missing=mixed(self.missing, fit.missing),
         )

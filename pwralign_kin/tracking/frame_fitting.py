@@ -51,7 +51,7 @@ class FrameFitting:
         margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
         origin = _sensor(frame)
         self.viewed = len(origin) > 0
-        native.expect(self._inward(expected.T)[None], expected.values, self.centre, self.diagonal, origin, margin)
+        native.expect(self.inward(expected.T)[None], expected.values, self.centre, self.diagonal, origin, margin)
         if isinstance(frame, DepthFrame):
             native.look_at_depth(frame.depth, frame.intrinsics, frame.metres, frame.T_scan_camera[None])
         else:
@@ -60,9 +60,14 @@ class FrameFitting:
     def swept(self, T: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
         """Return a configuration about a placement (4, 4) in the scan frame and values (k,) that fits better, its base
         as `fitted` takes it, and whether any was found: see `local_search.swept`."""
-        return local_search.swept(self.native, self._inward(T), values, ranges, rounds)
+        return local_search.swept(self.native, self.inward(T), values, ranges, rounds)
 
-    def _inward(self, T: Array) -> Array:
+    def against(self, T: Array, values: Array, usual: Usual) -> float:
+        """Return how much speaks against a placement (4, 4) in the scan frame and values (k,): see `Fit.against`."""
+        *_, support, cost = self.native.judge(self.inward(T)[None], values, usual.tolerance)
+        return float(cost + 1.0 - support)
+
+    def inward(self, T: Array) -> Array:
         """Return a base placement in model diagonals about the centre of the frame."""
         inside = T.copy()
         inside[:3, 3] = (T[:3, 3] - self.centre) / self.diagonal
@@ -84,7 +89,7 @@ class FrameFitting:
         that stay there, else those that are not told.
         """
         native = self.native
-        predicted = self._inward(expected.T)
+        predicted = self.inward(expected.T)
         base, values = (predicted, expected.values) if start is None else start
         sigma, noise, tolerance = 2 * LEAST_SIGMA, LEAST_SIGMA, 0.0
         if usual is not None:
@@ -117,7 +122,7 @@ class FrameFitting:
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / doubt, 0.0)
         conditional = np.diag(information)[6:] - np.diag(believed)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
-        noise, tolerance, coverage, agreement, visible, support = native.judge(T[None], fitted, tolerance)
+        noise, tolerance, coverage, agreement, visible, support, cost = native.judge(T[None], fitted, tolerance)
         strays, missing = self._part_misfits()
         if not self.viewed:  # what is in front of the model, or behind it, cannot be told
             agreement = coverage
@@ -132,6 +137,7 @@ class FrameFitting:
             agreement=agreement,
             visible=visible,
             support=support,
+            cost=cost,
             points=native.points,
             strays=strays,
             missing=missing,

@@ -61,7 +61,7 @@ TOLD, VAGUE = 0.75, float(np.radians(8.0))
 """A frame tells a joint when it takes away this share of its variance and leaves a smaller deviation than the second;
 others keep their value."""
 
-SYSTEMATIC = 0.0009
+SYSTEMATIC = 0.0005
 """Models are no rounder or smoother than this (model diagonals): a joint that moves the surface that is seen by less
 may as well not have moved."""
 
@@ -75,6 +75,13 @@ NEAR = 0.1
 BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
+
+TRIALS, TRIED, FITTED, BELIEVED = 5, 48, 3, 2
+"""Joints that come back may have come to rest on what is not theirs: so often, after waits that double, so many values
+of them are tried, and so many of the best are fitted; after so many trials without doubt they are believed."""
+
+EVIDENT = 3.0
+"""Points by which one of two fits must do better to be the right one for sure."""
 
 MOST_DOUBT = 16
 """Frames between two searches about a suspected configuration that found nothing, at most; the wait doubles."""
@@ -109,6 +116,9 @@ class Tracker:
         self._much_doubt = np.minimum(UNDETERMINED, MUCH_DOUBT * self._most_doubt)
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._doubt, self._doubted, self._vain = 1, 0, 0
+        # Joints on trial: their deviations when they came back (else 0), and how far values are apart that fit as well.
+        self._back, self._apart = np.zeros_like(self._most_doubt), np.zeros_like(self._most_doubt)
+        self._trial, self._waiting, self._random = 0, 0, np.random.default_rng(0)
         self._motion: Motion | None = None
         self._usual: Usual | None = None
         self._missed = 0
@@ -205,7 +215,7 @@ class Tracker:
                 other = self._fitting.fitted(start_from, usual, limit, wide=True)
                 if usual.misfit(other) < usual.misfit(fit):
                     fit = other
-        return self._searched_about(fit, expected, limit)
+        return self._tried(self._searched_about(fit, expected, limit), expected, limit)
 
     def _searched_about(self, fit: Fit, expected: Motion, limit: float) -> Fit:
         """Return what fits a frame better where parts of the model do not fit or have not been seen for a while.
@@ -242,6 +252,49 @@ class Tracker:
         other = self._fitting.fitted(expected, self._usual, limit, start=(T, values), held=expected.held & ~freed)
         assert self._usual is not None
         return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
+
+    def _tried(self, fit: Fit, expected: Motion, limit: float) -> Fit:
+        """Return the best fit about other values of joints that came back lately, and doubt them until it is clear."""
+        usual = self._usual
+        assert usual is not None
+        untold, doubt = self._untold(fit, expected), expected.deviations[6:]
+        back = expected.held & ~untold & (doubt > NEAR)
+        self._back = np.where(back, np.maximum(doubt, self._back), np.where(untold, 0.0, self._back))
+        on_trial = self._back > 0.0
+        self._apart = np.where(on_trial, self._apart, 0.0)
+        if back.any():
+            self._trial, self._waiting = 0, 0
+        if not on_trial.any() or clock.perf_counter() >= limit:
+            return fit
+        if self._waiting and not usual.doubts(fit):
+            self._waiting -= 1
+            return fit
+        fits = [fit, *self._others(fit, expected, limit)]
+        best = min(fits, key=lambda other: other.against)
+        if best.against > fit.against - EVIDENT:
+            best = fit
+        near = [other.values for other in fits if other.against < best.against + EVIDENT]
+        doubted = usual.doubts(best)
+        self._trial += not doubted
+        self._waiting = 2**self._trial - 1
+        self._apart = np.where(on_trial, np.abs(near - best.values).max(axis=0), 0.0)
+        if doubted or self._trial < BELIEVED:
+            self._apart = np.maximum(self._apart, self._back)
+        if self._trial == TRIALS:
+            self._back = np.zeros_like(self._back)
+        return best
+
+    def _others(self, fit: Fit, expected: Motion, limit: float) -> list[Fit]:
+        """Return fits from the best of many values of the joints on trial, all other variables as they are."""
+        usual = self._usual
+        assert usual is not None
+        random = self._random.normal(size=(TRIED, len(self._back)))
+        starts = np.clip(fit.values + random * self._back, self.model.lower / self._unit, self.model.upper / self._unit)
+        order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
+        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2]))
+        held = expected.held & self._untold(fit, expected)
+        T = self._fitting.inward(fit.T)
+        return [self._fitting.fitted(loose, usual, limit, start=(T, starts[i]), held=held) for i in order[:FITTED]]
 
     def _swept(self, fit: Fit, expected: Motion, ranges: Array, limit: float) -> Fit:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
@@ -362,6 +415,7 @@ class Tracker:
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
         covariance = self._covariance(fit) if self.options.covariance and found else None
         doubt = self._most_doubt if self._usual is None else self._motion.deviations[6:]
+        doubt = np.hypot(doubt, self._apart)
         if found:
             systematic = SYSTEMATIC / np.maximum(fit.levers, 1e-9)
             doubt = np.where(self._motion.held, doubt, np.hypot(doubt, systematic))

@@ -259,6 +259,48 @@ def test_an_image_of_few_pixels_is_looked_at_whole(arm: pk.ArticulatedModel, mov
     assert tracker.update(frame.images[0], 0.0).points > 0.9 * (frame.images[0].depth > 0.0).sum()
 
 
+def test_few_points_are_thinned_less(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    image = moving[0].images[0]
+    wide, narrow = (
+        pk.Tracker(arm, pk.TrackerOptions(points=points), initial=moving[0].state).update(image, 0.0).points
+        for points in (2000, 200)
+    )
+    assert wide > 0.9 * (image.depth > 0.0).sum() and narrow == 200
+
+
+def test_a_round_base_does_not_slip_against_the_joint_on_it(tmp_path: Path) -> None:
+    def visual(xyz: str, shape: str) -> str:
+        return f'<visual><origin xyz="{xyz}"/><geometry>{shape}</geometry></visual>'
+
+    drum = visual("0 0 0.15", '<cylinder radius="0.1" length="0.3"/>')
+    base = drum + visual("0.1 0 0.15", '<box size="0.02 0.03 0.3"/>')
+    turret = drum + visual("0 0.1 0.15", '<box size="0.03 0.02 0.3"/>') + visual("0 0 0.4", '<box size="0.3 0.1 0.1"/>')
+    joint = (
+        '<joint name="turn" type="revolute"><parent link="base"/><child link="turret"/><origin xyz="0 0 0.32"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    )
+    links = f'<link name="base">{base}</link><link name="turret">{turret}</link>'
+    (tmp_path / "round.urdf").write_text(f'<robot name="round">{links}{joint}</robot>')
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "round.urdf")
+    tracker, errors = None, []
+    for frame in simulate_sequence(model, 60, size=(160, 120), seed=2):
+        tracker = tracker or pk.Tracker(model, initial=frame.state)
+        tracked = tracker.update(frame.images[0], frame.time)
+        errors.append(tracked.state.joints["turn"] - frame.state.joints["turn"])
+    assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 2.0
+
+
+def test_a_joint_that_comes_back_is_doubted_until_it_is_tried(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for frame in moving[1:15]:
+        hidden = tracker.update(_forearm_hidden(arm, frame), frame.time)
+    assert "elbow" in hidden.undetermined
+    back = [tracker.update(frame.images[0], frame.time) for frame in moving[15:]]
+    assert "elbow" in back[0].undetermined and back[0].std["elbow"] > np.radians(5.0)
+    assert "elbow" not in back[-1].undetermined and back[-1].std["elbow"] < np.radians(2.5)
+
+
 def test_what_noise_is_usual_is_not_forgotten(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracker = pk.Tracker(arm, initial=moving[0].state)
     shown = []
