@@ -7,16 +7,22 @@ step of any search leads over the gap between the limits of a joint that turns n
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import finest, ranks
+from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS, finest, ranked, ranks
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
+from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.scene import close_up
 
 DISTINCT = 2.0
 """Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
@@ -31,19 +37,29 @@ AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
 """Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
+TURNS = 3
+"""How often in a row an answer to a scene is repaired at the end, as long as that gains."""
 
 
 def contested(
-    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
+    solver: JointLeastSquares,
+    final: Candidates,
+    evidence: Evidence,
+    finished: Candidates,
+    equal: Candidates,
+    options: EstimatorOptions,
 ) -> Candidates | None:
     """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
 
     `evidence` is that for the configuration before it is mended, and those `equal` to that are no rivals. None where
-    there is no such rival, and in a scene, where most points are of other things.
+    there is no such rival.
     """
     search = solver.search
-    if search.observation.scene or search.known.held:
+    if search.known.held:
         return None
+    if search.observation.scene:
+        won = _repaired_in_scene(solver, final, options)
+        return None if won is None else Candidates.concatenate([won, finished])
     better = mended(solver.model, search, final)
     final = final if better is None else better  # which has its rivals too
     rivals = _across_limits(solver, final)
@@ -54,6 +70,38 @@ def contested(
         won = _likelier(solver, final, finished, equal)
     won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
+
+
+def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: EstimatorOptions) -> Candidates | None:
+    """Return the final configuration repaired once more, by what is near it in the scene, if that gains.
+
+    As long as other answers are to be told from it, repair is short; and only of what is refined to the end its parts
+    tell well which of them is wrong.
+    """
+    search = solver.search
+    focused = search.about(final, options.scene_search.focus)
+    if focused is search:
+        return None
+    view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
+    close = search.of(view)
+    won = None
+    for _ in range(TURNS):
+        # What refinement alone would gain is no merit of a repair.
+        settled = ranked(focused, refined_both_ways(focused, final))
+        tried = [settled, repair(focused, focused.scored(final)[0], options.repair, turn=False)]
+        if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(final)].sum() > WORTH_WIDE_BEAMS:
+            tried.append(repair(focused.widened(), focused.scored(final)[0], options.repair, turn=False))
+        better = mended(solver.model, close, final)
+        if better is not None:
+            tried.append(better)
+        several = Candidates.concatenate(tried)
+        several = refined_both_ways(focused, several)
+        scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+        best = int(np.argmax(scores))
+        if scores[best] < scores[: len(settled)].max() + GAIN:
+            break
+        won = final = Candidates(several.bases, several.values, scores).take([best])
+    return won
 
 
 def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:
