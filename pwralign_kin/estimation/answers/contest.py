@@ -37,8 +37,9 @@ AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
 """Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
-TURNS = 3
-"""How often in a row an answer to a scene is repaired at the end, as long as that gains."""
+TURNS, HELD = 3, 0.01
+"""How often in a row an answer to a scene is repaired at the end, as long as that gains, and how far (model diagonals)
+most of its surface may move meanwhile: it is limbs that are repaired, and another answer has lost already."""
 
 
 def contested(
@@ -88,20 +89,26 @@ def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: Es
     for _ in range(TURNS):
         # What refinement alone would gain is no merit of a repair.
         settled = ranked(focused, refined_both_ways(focused, final))
-        tried = [settled, repair(focused, focused.scored(final)[0], options.repair, turn=False)]
+        tried = [repair(focused, focused.scored(final)[0], options.repair, turn=False)]
         if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(final)].sum() > WORTH_WIDE_BEAMS:
             tried.append(repair(focused.widened(), focused.scored(final)[0], options.repair, turn=False))
         better = mended(solver.model, close, final)
         if better is not None:
             tried.append(better)
-        several = Candidates.concatenate(tried)
-        several = refined_both_ways(focused, several)
+        several = _held(focused, refined_both_ways(focused, Candidates.concatenate(tried)), final)
+        several = Candidates.concatenate([settled, several])
         scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
         best = int(np.argmax(scores))
         if scores[best] < scores[: len(settled)].max() + GAIN:
             break
         won = final = Candidates(several.bases, several.values, scores).take([best])
     return won
+
+
+def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
+    """Return those of several configurations that leave most of the surface where the final configuration has it."""
+    apart = np.linalg.norm(search.probe_positions(several) - search.probe_positions(final), axis=-1)
+    return several.take(np.median(apart, axis=1) <= HELD)
 
 
 def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:
