@@ -7,15 +7,13 @@ step of any search leads over the gap between the limits of a joint that turns n
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS, finest, ranked, ranks
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import priced
@@ -23,6 +21,7 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.scene import close_up
+from pwralign_kin.model import ArticulatedModel
 
 DISTINCT = 2.0
 """Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
@@ -74,35 +73,41 @@ def contested(
 
 
 def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: EstimatorOptions) -> Candidates | None:
-    """Return the final configuration repaired once more, by what is near it in the scene, if that gains.
+    """Return the final configuration with limbs held otherwise, if that gains in what is near it in the scene.
 
-    As long as other answers are to be told from it, repair is short; and only of what is refined to the end its parts
-    tell well which of them is wrong.
+    Before, repair is short, for there are other answers to be told from this one; and only when all else is refined to
+    the end do the scores tell which small part is wrong.
     """
-    search = solver.search
-    focused = search.about(final, options.scene_search.focus)
+    search, answer = solver.search, final
+    focused = search.about(answer, options.scene_search.focus)
     if focused is search:
         return None
     view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
     close = search.of(view)
-    won = None
     for _ in range(TURNS):
         # What refinement alone would gain is no merit of a repair.
-        settled = ranked(focused, refined_both_ways(focused, final))
-        tried = [repair(focused, focused.scored(final)[0], options.repair, turn=False)]
-        if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(final)].sum() > WORTH_WIDE_BEAMS:
-            tried.append(repair(focused.widened(), focused.scored(final)[0], options.repair, turn=False))
-        better = mended(solver.model, close, final)
-        if better is not None:
-            tried.append(better)
-        several = _held(focused, refined_both_ways(focused, Candidates.concatenate(tried)), final)
-        several = Candidates.concatenate([settled, several])
+        settled = ranked(focused, refined_both_ways(focused, answer))
+        tried = refined_both_ways(focused, _otherwise(solver.model, focused, close, answer, options))
+        several = Candidates.concatenate([settled, _held(focused, tried, final)])
         scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
         best = int(np.argmax(scores))
         if scores[best] < scores[: len(settled)].max() + GAIN:
             break
-        won = final = Candidates(several.bases, several.values, scores).take([best])
-    return won
+        answer = several.take([best])
+    return None if answer is final else priced(search, ranked(search, answer))
+
+
+def _otherwise(
+    model: ArticulatedModel, focused: TreeSearch, close: TreeSearch, answer: Candidates, options: EstimatorOptions
+) -> Candidates:
+    """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
+    it `close` up."""
+    scored = focused.scored(answer)[0]
+    found = [repair(focused, scored, options.repair, turn=False)]
+    if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
+        found.append(repair(focused.widened(), scored, options.repair, turn=False))
+    better = mended(model, close, answer)
+    return Candidates.concatenate(found if better is None else [*found, better])
 
 
 def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
