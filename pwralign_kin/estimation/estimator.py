@@ -146,7 +146,9 @@ class Estimator:
         """Return the estimate that a search makes, or its rivals if the points prefer one."""
         judged, equal = self._settled(fit, initial)
         with fit.watch.stage("contest"):
-            finished = contested(fit.solver, judged.solution.configuration, judged.evidence, fit.finished, equal)
+            finished = contested(
+                fit.solver, judged.solution.configuration, judged.evidence, fit.finished, equal, self.options
+            )
         if finished is not None:
             fit = replace(fit, finished=finished)
             judged, equal = self._settled(fit, initial)

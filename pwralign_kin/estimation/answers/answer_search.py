@@ -226,7 +226,9 @@ class AnswerSearch:
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        return priced(search, ranked(search, fine)).best_first() if search.observation.scene else ranked(search, fine)
+        if not search.observation.scene:
+            return ranked(search, fine)
+        return priced(search, better_ranked(search, near, fine)).best_first()
 
     def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
         """Return whether another search would be in vain."""
@@ -531,6 +533,19 @@ def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np
 def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
     """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
     return Candidates(candidates.bases, candidates.values, ranks(search, candidates)).best_first()
+
+
+def better_ranked(search: TreeSearch, before: Candidates, refined: Candidates) -> Candidates:
+    """Return of each candidate what it was `before` or what it is `refined`, whichever ranks higher, in the same order.
+
+    In a scene, refinement pulls the model to what touches it, too.
+    """
+    count = len(before)
+    both = Candidates.concatenate([before, refined])
+    scores = ranks(search, both)
+    return Candidates(both.bases, both.values, scores).take(
+        np.where(scores[count:] >= scores[:count], np.arange(count, 2 * count), np.arange(count))
+    )
 
 
 def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:

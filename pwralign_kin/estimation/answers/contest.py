@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import finest, ranks
+from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS, finest, ranked, ranks
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
+from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
+from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.scene import close_up
+from pwralign_kin.model import ArticulatedModel
 
 DISTINCT = 2.0
 """Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
@@ -31,19 +36,30 @@ AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
 """Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
+TURNS, HELD = 3, 0.01
+"""How often in a row an answer to a scene is repaired at the end, as long as that gains, and how far (model diagonals)
+most of its surface may move meanwhile: it is limbs that are repaired, and another answer has lost already."""
 
 
 def contested(
-    solver: JointLeastSquares, final: Candidates, evidence: Evidence, finished: Candidates, equal: Candidates
+    solver: JointLeastSquares,
+    final: Candidates,
+    evidence: Evidence,
+    finished: Candidates,
+    equal: Candidates,
+    options: EstimatorOptions,
 ) -> Candidates | None:
     """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
 
     `evidence` is that for the configuration before it is mended, and those `equal` to that are no rivals. None where
-    there is no such rival, and in a scene, where most points are of other things.
+    there is no such rival.
     """
     search = solver.search
-    if search.observation.scene or search.known.held:
+    if search.known.held:
         return None
+    if search.observation.scene:
+        won = _repaired_in_scene(solver, final, options)
+        return None if won is None else Candidates.concatenate([won, finished])
     better = mended(solver.model, search, final)
     final = final if better is None else better  # which has its rivals too
     rivals = _across_limits(solver, final)
@@ -54,6 +70,50 @@ def contested(
         won = _likelier(solver, final, finished, equal)
     won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
+
+
+def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: EstimatorOptions) -> Candidates | None:
+    """Return the final configuration with limbs held otherwise, if that gains in what is near it in the scene.
+
+    Before, repair is short, for there are other answers to be told from this one; and only when all else is refined to
+    the end do the scores tell which small part is wrong.
+    """
+    search, answer = solver.search, final
+    focused = search.about(answer, options.scene_search.focus)
+    if focused is search:
+        return None
+    view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
+    close = search.of(view)
+    for _ in range(TURNS):
+        # What refinement alone would gain is no merit of a repair.
+        settled = ranked(focused, refined_both_ways(focused, answer))
+        tried = refined_both_ways(focused, _otherwise(solver.model, focused, close, answer, options))
+        several = Candidates.concatenate([settled, _held(focused, tried, final)])
+        scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+        best = int(np.argmax(scores))
+        if scores[best] < scores[: len(settled)].max() + GAIN:
+            break
+        answer = several.take([best])
+    return None if answer is final else priced(search, ranked(search, answer))
+
+
+def _otherwise(
+    model: ArticulatedModel, focused: TreeSearch, close: TreeSearch, answer: Candidates, options: EstimatorOptions
+) -> Candidates:
+    """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
+    it `close` up."""
+    scored = focused.scored(answer)[0]
+    found = [repair(focused, scored, options.repair, turn=False)]
+    if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
+        found.append(repair(focused.widened(), scored, options.repair, turn=False))
+    better = mended(model, close, answer)
+    return Candidates.concatenate(found if better is None else [*found, better])
+
+
+def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
+    """Return those of several configurations that leave most of the surface where the final configuration has it."""
+    apart = np.linalg.norm(search.probe_positions(several) - search.probe_positions(final), axis=-1)
+    return several.take(np.median(apart, axis=1) <= HELD)
 
 
 def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:

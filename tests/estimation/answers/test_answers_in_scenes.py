@@ -7,10 +7,14 @@ import pytest
 from searched_scenes import observed, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch, better_ranked
+from pwralign_kin.estimation.answers.contest import contested
+from pwralign_kin.estimation.evidence.evidence import gathered
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, unlike
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
 
@@ -106,3 +110,39 @@ def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedM
         assert list(answers._looks(seed, candidates, looked))
         leader = looked[len(before)]
         assert len(unlike(search, leader, before, options.scene_search.apart)) == 1
+
+
+def test_refinement_of_answers_is_kept_where_they_rank_higher_by_it(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    both = true_and_moved(excavator, scene, ready)
+    kept = better_ranked(searching(excavator, ready), both, both.take([1, 0]))
+    np.testing.assert_array_equal(kept.bases, both.take([0, 0]).bases)
+
+
+def last_word(model: pk.ArticulatedModel, search: TreeSearch, final: Candidates) -> Candidates | None:
+    options = pk.EstimatorOptions(threads=2)
+    solver = JointLeastSquares(model, search, *model.kernel_model.limits, options.least_squares)
+    finished = search.scored(final)[0]
+    return contested(solver, final, gathered(search, final, finished), finished, final.take(slice(0, 0)), options)
+
+
+def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search = searching(excavator, ready)
+    true, aside = (true_and_moved(excavator, scene, ready).take([i]) for i in range(2))
+    wrong = Candidates(true.bases, true.values.copy(), true.scores)
+    wrong.values[0, -1] = excavator.kernel_model.limits[0][-1]
+    assert np.linalg.norm(search.probe_positions(wrong) - search.probe_positions(true), axis=-1).max() > 0.05
+
+    mended = last_word(excavator, search, wrong)
+
+    assert mended is not None
+    assert np.linalg.norm(search.probe_positions(mended)[0] - search.probe_positions(true)[0], axis=-1).max() < 0.01
+    elsewhere = last_word(excavator, search, aside)
+    if elsewhere is not None:
+        moved = np.linalg.norm(search.probe_positions(elsewhere)[0] - search.probe_positions(aside)[0], axis=-1)
+        assert np.median(moved) < 0.015

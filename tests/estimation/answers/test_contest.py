@@ -62,7 +62,8 @@ def several(fit: Fit, model: pk.ArticulatedModel, truth: pk.State) -> tuple[Cand
 
 
 def contest(fit: Fit, final: Candidates, finished: Candidates) -> Candidates | None:
-    return contested(fit.solver, final, gathered(fit.solver.search, final, finished), finished, final.take(slice(0, 0)))
+    evidence = gathered(fit.solver.search, final, finished)
+    return contested(fit.solver, final, evidence, finished, final.take(slice(0, 0)), pk.EstimatorOptions())
 
 
 def test_a_joint_held_at_one_limit_may_be_meant_beyond_the_other(tmp_path: Path) -> None:
@@ -97,7 +98,7 @@ def test_what_the_points_prefer_keeps_its_score(tmp_path: Path) -> None:
     fit = fitted(model, truth)
     wrong, finished = several(fit, model, truth)
     plain = dataclasses.replace(gathered(fit.solver.search, wrong, finished), distinct=40.0)
-    better = contested(fit.solver, wrong, plain, finished, wrong.take(slice(0, 0)))
+    better = contested(fit.solver, wrong, plain, finished, wrong.take(slice(0, 0)), pk.EstimatorOptions())
     assert better is not None
     assert better.values[0, 0] == pytest.approx(0.5, abs=0.02)
     assert better.scores == pytest.approx([0.995, 1.0, 0.995])
