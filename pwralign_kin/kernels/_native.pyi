@@ -284,7 +284,12 @@ class Search:
         sample: NDArray[np.int32],
     ) -> NDArray[np.float32]: ...
     def distances(
-        self, points: NDArray[np.float32], placements: NDArray[np.float64], mask: NDArray[np.uint8], cap: float
+        self,
+        points: NDArray[np.float32],
+        placements: NDArray[np.float64],
+        mask: NDArray[np.uint8],
+        cap: float,
+        loosely: bool,
     ) -> NDArray[np.float32]: ...
     def in_sight(
         self, placements: NDArray[np.float64], distance: float, cosine: float

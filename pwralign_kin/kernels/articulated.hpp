@@ -38,6 +38,8 @@ struct Surface {
     Vec grid_origin{0, 0, 0};
     float inverse = 1;                         // of the size of a cell
     float slack = 0;                           // tangential distance to the closest sample that means nothing
+    float cell_slack = 0;                      // more of it, for a cell may name a sample that is not the closest: it
+                                               // counts in what tells a joint; small parts are told apart without
     Vec middle{0, 0, 0}, half{0, 0, 0};        // of the box around all discs of radius `slack`
     SplitPoints lane_points, lane_normals;     // the coarse samples once more, ...
     std::vector<float> lane_weights;           // ... for several at a time
@@ -71,13 +73,13 @@ struct Surface {
         aside = std::max(0.f, std::sqrt(std::max(0.f, dot(d, d) - plane * plane)) - slack);
         return std::sqrt(plane * plane + aside * aside);
     }
-    // Those of some positions to as many samples.
-    FloatLanes distances_to(const int *samples, const VecLanes &local) const {
+    // Those of some positions to as many samples, the discs larger by `wider`.
+    FloatLanes distances_to(const int *samples, const VecLanes &local, float wider) const {
         VecLanes place, normal;
         dense_rows.gather(samples, place, normal);
         const VecLanes d = local - place;
         const FloatLanes plane = dot(d, normal), nothing{};
-        const FloatLanes aside = max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - slack, nothing);
+        const FloatLanes aside = max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - (slack + wider), nothing);
         return sqrt_lanes(plane * plane + aside * aside);
     }
 };

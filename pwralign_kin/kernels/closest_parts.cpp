@@ -48,8 +48,8 @@ __attribute__((always_inline)) inline FloatLanes squared_from_box(const Surface 
 // the samples that these name.
 class Offer {
   public:
-    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, CloseSamples &close)
-        : s(s), T(T), points(points), close(close) {
+    Offer(const Surface &s, const RigidF &T, const SplitPoints &points, float wider, CloseSamples &close)
+        : s(s), T(T), points(points), wider(wider), close(close) {
         close.make_room(points.size);
     }
 
@@ -79,7 +79,7 @@ class Offer {
         for (int c = 0; c < named; c += lane_count) {
             const int here = std::min(lane_count, named - c);
             for (int j = here; j < lane_count; ++j) close.at[c + j] = 0;
-            const FloatLanes distance = s.distances_to(&close.at[c], close.local.at(c));
+            const FloatLanes distance = s.distances_to(&close.at[c], close.local.at(c), wider);
             for (int j = 0; j < here; ++j) {
                 const int i = close.point[c + j];
                 if (distance[j] < best[i]) best[i] = distance[j], owner[i] = part, sample[i] = close.at[c + j];
@@ -91,6 +91,7 @@ class Offer {
     const Surface &s;
     const RigidF &T;
     const SplitPoints &points;
+    float wider;
     CloseSamples &close;
     int found = 0;
 };
@@ -99,15 +100,15 @@ class Offer {
 
 void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
                 int *sample, CloseSamples &close) {
-    Offer offer(s, T, points, close);
+    Offer offer(s, T, points, 0, close);
     for (int64_t block = 0; block < points.size; block += lane_count) offer.look(block, best);
     offer.settle(part, best, owner, sample);
 }
 
 void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, const uint8_t *balls, float cap,
-                float *best, int *owner, int *sample, CloseSamples &close) {
+                float wider, float *best, int *owner, int *sample, CloseSamples &close) {
     constexpr float rounding = 1e-4f;
-    Offer offer(s, T, balled.points, close);
+    Offer offer(s, T, balled.points, wider, close);
     for (int64_t first = 0; first < balled.centres.size; first += lane_count) {
         const FloatLanes reach = load_lanes(&balled.radii[first]) + (cap + rounding);
         const VecLanes local = apply_inverse(T, balled.centres.at(first));

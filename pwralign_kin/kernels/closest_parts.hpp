@@ -31,8 +31,9 @@ struct BalledPoints {
 // where the part is nearer, `best`, `owner` and `sample` tell. `close` is memory that is used again.
 void offer_part(const Surface &surface, int part, const RigidF &T, const SplitPoints &points, float *best, int *owner,
                 int *sample, CloseSamples &close);
-// The same where no distance to beat is larger than `cap`, of the points in some `balls` only (null: in all).
+// The same where no distance to beat is larger than `cap`, of the points in some `balls` only (null: in all). The discs
+// that the surface is taken as are larger by `wider`.
 void offer_part(const Surface &surface, int part, const RigidF &T, const BalledPoints &points, const uint8_t *balls,
-                float cap, float *best, int *owner, int *sample, CloseSamples &close);
+                float cap, float wider, float *best, int *owner, int *sample, CloseSamples &close);
 
 } // namespace pwr

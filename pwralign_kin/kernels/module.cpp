@@ -279,7 +279,7 @@ void bind_model(nb::module_ &m) {
             for (int i = 0; i < 3; ++i) s.dims[i] = int(grid.shape(i));
             s.grid_origin = {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)};
             s.centre = {std::get<0>(centre), std::get<1>(centre), std::get<2>(centre)};
-            s.inverse = 1 / cell, s.slack = slack, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
+            s.inverse = 1 / cell, s.slack = slack, s.cell_slack = .5f * cell, s.radius = radius, s.size = size, s.area = area, s.weight = weight;
             self.finish(s);
             self.surface[part] = std::move(s);
         }, "part"_a, "samples"_a, "normals"_a, "weights"_a, "dense"_a, "dense_normals"_a, "apparent_normals"_a, "grid"_a, "origin"_a, "cell"_a, "slack"_a, "centre"_a, "radius"_a, "size"_a, "area"_a, "weight"_a)
@@ -574,7 +574,7 @@ void bind_search(nb::module_ &m) {
                     cosines[i] = dot(rotate(F.at(p), self.model.surface[p].dense.at(sample.data()[i]).n), vectors(normals)[i]);
             return to_numpy(std::move(cosines));
         }, "normals"_a, "placements"_a, "part"_a, "sample"_a)
-        .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
+        .def("distances", [](const Search &self, Points points, Placements placements, Bytes mask, float cap, bool loosely) {
             const size_t n = self.model.parts;
             require(placements.shape(0) % n == 0 && mask.shape(0) == n, "one placement per part is needed");
             const std::vector<Rigid> T = read_placements(placements);
@@ -584,10 +584,10 @@ void bind_search(nb::module_ &m) {
             std::vector<float> out(count * points.shape(0));
             {
                 nb::gil_scoped_release release;
-                self.distances({vectors(points), 1, int64_t(points.shape(0))}, T, int64_t(count), used.data(), cap, out.data());
+                self.distances({vectors(points), 1, int64_t(points.shape(0))}, T, int64_t(count), used.data(), cap, loosely, out.data());
             }
             return to_numpy(std::move(out), {count, points.shape(0)});
-        }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
+        }, "points"_a, "placements"_a, "mask"_a, "cap"_a, "loosely"_a)
         .def("in_sight", [](const Search &self, Placements placements, float distance, float cosine) {
             const std::vector<Rigid> T = part_placements(self.model, placements);
             Search::Sight sight = self.in_sight(T, distance, cosine);

@@ -15,10 +15,10 @@ void Search::refine(std::vector<Configuration> &configurations, int points, int 
 }
 
 // Add scan points that are pulled by the nearest part, each of weight `share`: point to plane, Geman-McClure kernel of
-// scale `sigma`. With the surface `seen` those whose rays meet it are pulled by what they meet. `seen` and `counts` may be
-// null.
+// scale `sigma`. With the surface `seen` those whose rays meet it are pulled by what they meet. `loosely`, points that
+// may be off the closest sample by the size of a cell are not beyond an edge. `seen` and `counts` may be null.
 void Search::pull_to_model(const PointSample &sample, float share, const std::vector<Rigid> &T, float sigma, float cap,
-                           const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const {
+                           const SeenSurface *seen, std::vector<Normal> &normal, int *counts, bool loosely) const {
     const int n = model.parts;
     const float squared = sigma * sigma;
     // Without a sensor origin the sign of a scan normal is a guess, and its pairs keep some weight.
@@ -54,6 +54,7 @@ void Search::pull_to_model(const PointSample &sample, float share, const std::ve
         if (found.part[at] >= 0) of_part[next[found.part[at]]++] = at;
     for (int p = 0; p < n; ++p) {
         const Surface &surface = model.surface[p];
+        const float rim = surface.slack + (loosely ? surface.cell_slack : 0);
         if (counts) counts[p] += first[p + 1] - first[p];
         NormalLanes pulls;
         for (int i = first[p]; i < first[p + 1]; i += lane_count) {
@@ -74,7 +75,7 @@ void Search::pull_to_model(const PointSample &sample, float share, const std::ve
             pulls.add_planes(arm, surface_normal, residual, w);
             // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
             const VecLanes along = offset - residual * surface_normal;
-            const FloatLanes length = sqrt_lanes(dot(along, along)), aside = length - surface.slack;
+            const FloatLanes length = sqrt_lanes(dot(along, along)), aside = length - rim;
             const IntLanes beyond = (aside > 0) & (w > 0);
             if (any_lane(beyond)) pulls.add_planes(arm, (1 / (beyond ? length : all_lanes(1))) * along, aside, beyond ? w : FloatLanes{});
         }
@@ -130,7 +131,7 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
         std::vector<int> order(points.size());
         std::iota(order.begin(), order.end(), 0);
         pull_to_model({points, std::move(order)}, 1.f / count, T, sigma, cap,
-                      seen ? &*seen : nullptr, own, &counted[b * n]);
+                      seen ? &*seen : nullptr, own, &counted[b * n], true);
         std::copy(own.begin(), own.end(), partial.begin() + b * n);
     });
     counts.assign(n, 0);
@@ -155,7 +156,7 @@ void Search::refine_one(Configuration &c, const PointSample &sampled, int iterat
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
         model.forward(c.base, c.values.data(), T.data());
         std::fill(normal.begin(), normal.end(), Normal());
-        pull_to_model(sampled, 1.f / sampled.points.size(), T, sigma, 3 * sigma + .005f, nullptr, normal, nullptr);
+        pull_to_model(sampled, 1.f / sampled.points.size(), T, sigma, 3 * sigma + .005f, nullptr, normal, nullptr, false);
         if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
         for (Normal &part : normal) part.mirror();
         model.joint_twists(T.data(), T[0].t, twists.data());

@@ -18,7 +18,7 @@ void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *ma
     thread_local CloseSamples close;
     for (int p = 0; p < model.parts; ++p)
         if (mask[p])
-            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.distance.data(), to.part.data(), to.sample.data(), close);
+            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.loosely ? model.surface[p].cell_slack : 0, to.distance.data(), to.part.data(), to.sample.data(), close);
 }
 
 Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const {
@@ -44,10 +44,11 @@ Assignment Search::owners(const Rigid *T, const uint8_t *mask, float cap) const 
 }
 
 void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
-                       float *out) const {
+                       bool loosely, float *out) const {
     const size_t asked = points.order.size();
     parallel_for(count, options.threads, [&](int64_t c) {
         Nearest found(int64_t(asked), cap);
+        found.loosely = loosely;
         offer(points, &T[c * model.parts], mask, found);
         for (size_t at = 0; at < asked; ++at) out[c * asked + points.order[at]] = found.distance[at];
     });

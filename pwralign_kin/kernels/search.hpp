@@ -85,6 +85,7 @@ struct Nearest {
     float cap;
     std::vector<float> distance; // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
+    bool loosely = false; // points that may be off the closest sample by the size of a cell are not beyond an edge
 
     explicit Nearest(int64_t count = 0, float cap = 0);
 };
@@ -176,9 +177,9 @@ class Search {
     // The same of all scan points.
     Assignment owners(const Rigid *T, const uint8_t *mask, float cap) const;
     // Distances of points (at most `cap`) from the nearest of the parts in `mask`, one row of `out` for each of `count` sets
-    // of placements.
+    // of placements. `loosely`: see Nearest.
     void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
-                   float *out) const;
+                   bool loosely, float *out) const;
     // Offer the parts in `mask` to points, in the order of their neighbourhood; to those of some `balls` only (null: all).
     void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to,
                const uint8_t *balls = nullptr) const;
@@ -266,7 +267,7 @@ class Search {
     // What speaks against a configuration, whatever the scan.
     float cost(const Configuration &c, const std::vector<RigidF> &T) const;
     void pull_to_model(const PointSample &sampled, float share, const std::vector<Rigid> &T, float sigma, float cap,
-                       const SeenSurface *seen, std::vector<Normal> &normal, int *counts) const;
+                       const SeenSurface *seen, std::vector<Normal> &normal, int *counts, bool loosely) const;
     void pull_to_scan(const std::vector<Rigid> &T, float sigma, float support_weight, const float *part_weights,
                       std::vector<Normal> &normal) const;
     void refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first, float sigma_last,

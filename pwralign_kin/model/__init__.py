@@ -3,4 +3,4 @@
 from pwralign_kin.model.articulated_model import ArticulatedModel
 from pwralign_kin.model.part_graph import MovingJoint, Part, Visual
 
-__all__ = ["ArticulatedModel", "MovingJoint", "Part", "PartGraph", "Visual"]
+__all__ = ["ArticulatedModel", "MovingJoint", "Part", "Visual"]

@@ -35,7 +35,6 @@ MOST_DENSE_SAMPLES = 30000  # of a part: what the closest of points of a scan is
 NORMAL_RADIUS = 0.025  # about that of the neighbourhoods that normals of scans are of
 GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
 GRID_BAND = 0.07  # how far around a part the grid tells its closest sample
-CELL_SLACK = 0.5  # of a cell: by so much, along the surface, the sample that the grid gives may be off the nearest
 CONFIGURATIONS = 12  # random ones, in which each sample is looked at ...
 DIRECTIONS = 14  # ... from so many sides
 REACH_CONFIGURATIONS = 60  # random ones, that tell how far the model reaches
@@ -165,8 +164,7 @@ def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernel
         cell, spacing, radius, size, area = map(float, surface.scalars)
         native.set_surface(
             i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals,
-            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing + CELL_SLACK * cell,
-            _triple(surface.centre),
+            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing, _triple(surface.centre),
             radius, size, area, float(weight),
         )  # fmt: skip
     return native

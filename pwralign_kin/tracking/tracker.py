@@ -259,9 +259,9 @@ class Tracker:
         assert usual is not None
         untold, doubt = self._untold(fit, expected), expected.deviations[6:]
         back = expected.held & ~untold & (doubt > NEAR)
-        self._back = np.where(back, np.maximum(doubt, self._back), np.where(untold, 0.0, self._back))
-        on_trial = self._back > 0.0
-        self._apart = np.where(on_trial, self._apart, 0.0)
+        self._back = np.where(back, np.maximum(doubt, self._back), self._back)
+        self._apart = np.where(back, self._back, np.where(self._back > 0.0, self._apart, 0.0))
+        on_trial = (self._back > 0.0) & ~untold  # those that are hidden again go on when they are back
         if back.any():
             self._trial, self._waiting = 0, 0
         if not on_trial.any() or clock.perf_counter() >= limit:
@@ -269,7 +269,9 @@ class Tracker:
         if self._waiting and not usual.doubts(fit):
             self._waiting -= 1
             return fit
-        fits = [fit, *self._others(fit, expected, limit)]
+        fits = [fit, *self._others(fit, expected, np.where(on_trial, self._back, 0.0), limit)]
+        if clock.perf_counter() >= limit:
+            return fit  # what is cut short tells nothing
         best = min(fits, key=lambda other: other.against)
         if best.against > fit.against - EVIDENT:
             best = fit
@@ -277,21 +279,25 @@ class Tracker:
         doubted = usual.doubts(best)
         self._trial += not doubted
         self._waiting = 2**self._trial - 1
-        self._apart = np.where(on_trial, np.abs(near - best.values).max(axis=0), 0.0)
+        apart = np.abs(near - best.values)
+        apart = np.minimum(apart, np.abs(self._turns / self._unit - apart)).max(axis=0)
         if doubted or self._trial < BELIEVED:
-            self._apart = np.maximum(self._apart, self._back)
-        if self._trial == TRIALS:
-            self._back = np.zeros_like(self._back)
+            apart = np.maximum(apart, self._back)
+        self._apart = np.where(on_trial, apart, self._apart)
+        if self._trial >= TRIALS:
+            self._back = np.where(on_trial, 0.0, self._back)
         return best
 
-    def _others(self, fit: Fit, expected: Motion, limit: float) -> list[Fit]:
-        """Return fits from the best of many values of the joints on trial, all other variables as they are."""
+    def _others(self, fit: Fit, expected: Motion, doubt: Array, limit: float) -> list[Fit]:
+        """Return fits from the best of many values within the doubt (k,) of joints, all other variables as they are."""
         usual = self._usual
         assert usual is not None
-        random = self._random.normal(size=(TRIED, len(self._back)))
-        starts = np.clip(fit.values + random * self._back, self.model.lower / self._unit, self.model.upper / self._unit)
+        starts = fit.values + self._random.normal(size=(TRIED, len(doubt))) * doubt
+        lower, upper = self.model.lower / self._unit, self.model.upper / self._unit
+        turned = lower + (starts - lower) % np.maximum(upper - lower, 1e-9)
+        starts = np.where(self.model.continuous, turned, np.clip(starts, lower, upper))
         order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
-        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), self._back**2]))
+        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
         held = expected.held & self._untold(fit, expected)
         T = self._fitting.inward(fit.T)
         return [self._fitting.fitted(loose, usual, limit, start=(T, starts[i]), held=held) for i in order[:FITTED]]
@@ -393,6 +399,7 @@ class Tracker:
                 return None
         self._motion = start
         self._usual = Usual.of(fit, answer.confidence)
+        self._back, self._apart = np.zeros_like(self._back), np.zeros_like(self._apart)
         return fit
 
     def _take(self, fit: Fit, before: Motion, searched: bool) -> None:

@@ -7,6 +7,8 @@ step of any search leads over the gap between the limits of a joint that turns n
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS, finest, ranked, ranks
@@ -20,6 +22,7 @@ from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.model import ArticulatedModel
 
@@ -80,7 +83,7 @@ def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: Es
     """
     search, answer = solver.search, final
     focused = search.about(answer, options.scene_search.focus)
-    if focused is search:
+    if focused.searched.sum() < LEAST_POINTS or focused is search:
         return None
     view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
     close = search.of(view)
@@ -102,10 +105,11 @@ def _otherwise(
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
     it `close` up."""
-    scored = focused.scored(answer)[0]
-    found = [repair(focused, scored, options.repair, turn=False)]
-    if EFFORTS[options.effort].wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
-        found.append(repair(focused.widened(), scored, options.repair, turn=False))
+    scored, effort = focused.scored(answer)[0], EFFORTS[options.effort]
+    repairing = replace(options.repair, rounds=min(options.repair.rounds, effort.repairs))
+    found = [repair(focused, scored, repairing, turn=False)]
+    if effort.wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
+        found.append(repair(focused.widened(), scored, repairing, turn=False))
     better = mended(model, close, answer)
     return Candidates.concatenate(found if better is None else [*found, better])
 

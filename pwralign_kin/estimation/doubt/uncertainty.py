@@ -67,8 +67,9 @@ def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> 
     """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
     # Neighbouring points hide some of the noise where it folds thin parts.
     noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
-    given = search.observation.given
-    distance, part = search.assigned(given, search.part_placements(final)[0], search.exists, search.reach)
+    given, placements = search.observation.given, search.part_placements(final)
+    part = search.assigned(given, placements[0], search.exists, search.reach)[1]
+    distance = search.distances(given, placements, search.exists, search.reach, loosely=True)[0]
     systematic = float(np.sqrt(max(search.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
     seen = problem.counts >= LEAST_POINTS
     unknowns = 6 + int((np.abs(problem.J[seen, :, 6:]) > 0.0).any(axis=(0, 1)).sum())

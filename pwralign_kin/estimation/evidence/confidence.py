@@ -39,7 +39,7 @@ def confidence(evidence: Evidence) -> float:
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a scan of the model from one of something else (5,).
+    """Return what tells a scan of the model from one of something else (6,).
 
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
     is confirmed: masks leak and sensors bend surfaces, and scans have holes, but neither does both. In something else,

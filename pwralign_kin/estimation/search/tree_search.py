@@ -582,11 +582,17 @@ class TreeSearch:
         distance, part, _ = self.native.assign(points, np.ascontiguousarray(placements), mask, reach)
         return np.asarray(distance), np.asarray(part)
 
-    def distances(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> Float:
+    def distances(
+        self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float, *, loosely: bool = False
+    ) -> Float:
         """Return (m, n) the distances (at most `reach`) of points (n, 3) from the nearest of `parts`, for each of
-        several sets of placements (m, parts, 4, 4)."""
+        several sets of placements (m, parts, 4, 4).
+
+        The samples that a point is held against may be off the closest by the size of a grid's cell. `loosely`, that
+        does not make a point lie beyond an edge.
+        """
         flat = np.ascontiguousarray(placements).reshape(-1, 4, 4)
-        return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach))
+        return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach, loosely))
 
 
 def halved(points: Float, chosen: NDArray[np.int64], times: int) -> list[NDArray[np.int64]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pwralign_kin import se3
 from pwralign_kin.estimation.answers.answer_search import ranked
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
-from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -177,6 +177,7 @@ def estimate_shared_base(
     for own, fit, solution in zip(options, fits, solved.solutions, strict=True):
         _tell(fit, _known_base(fit, solution.base, 0.0, 0.0))
         estimate = Estimator(model, own).concluded(replace(fit, finished=_with_base_held(fit, solution.base)), solution)
+        warn_of_size(fit.scan, estimate)
         estimates.append(_with_base_covariance(estimate, fit, solution, solved.base_covariance))
     scale = np.r_[np.ones(3), np.full(3, model.diagonal)]
     return SharedBaseEstimate(
@@ -234,7 +235,9 @@ def _consensus(
         for i in outvoted:
             again[i] = Estimator(model, _with_base(model, options[i], base)).fit(fits[i].scan, None, None)
             _tell(again[i], fits[i].solver.search.known)
-            starts[i] = max(starts[i], _pulled(again[i], again[i].finished, base), key=lambda start: start.scores[0])
+            found = _pulled(again[i], again[i].finished, base)
+            # Another search may take the view to have holes: both are compared by the first one's scores.
+            starts[i] = max(starts[i], _pulled(fits[i], found, base), key=lambda start: start.scores[0])
         if best is None or _total(starts) > best[0]:
             best = _total(starts), again, starts, outvoted
         if not outvoted:
