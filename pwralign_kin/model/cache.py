@@ -2,7 +2,8 @@
 
 One file an entry: a JSON header, then the raw arrays. A digest of the header and a checksum of the data tell
 a whole file from a truncated or corrupt one, which is rebuilt; writers rename whole files into place, so
-readers never see half of one. Nothing is unpickled.
+readers never see half of one. Nothing is unpickled. Entries that were not used for longest make room for new
+ones.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,9 @@ _complained: set[Path] = set()
 """Folders that were found not to be writable: once is enough."""
 
 Arrays = dict[str, NDArray[Any]]
+
+MOST_BYTES = 2**30
+"""What all entries together may take: a model takes 1 to 30 MB."""
 
 _MAGIC = b"pwralign-arrays-1\n"
 _PREFIX = struct.Struct("<QI32s")  # header length, checksum of the data, digest of the header
@@ -101,6 +106,8 @@ def _read(path: Path, key: str) -> Arrays | None:
             data = np.empty(header["size"], np.uint8)
             if handle.readinto(data.data) != header["size"] or zlib.crc32(data.data) != checksum:
                 raise ValueError("corrupt data")
+        with suppress(OSError):  # of others, or on a medium that is not writable
+            os.utime(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
@@ -128,9 +135,26 @@ def _write(path: Path, key: str, arrays: Arrays) -> None:
             handle.write(_PREFIX.pack(len(header), zlib.crc32(data.data), hashlib.sha256(header).digest()))
             handle.write(header)
             handle.write(data.data)
+        _make_room(path)
     except (OSError, PwralignError) as error:
         if path.parent not in _complained:
             _complained.add(path.parent)
             logger.warning(
                 "%s cannot be written, so that the next run prepares the model again: %s", path.parent, error
             )
+
+
+def _make_room(newest: Path) -> None:
+    """Remove the entries beside the newest that were not used for longest, until all fit."""
+    entries = []
+    for path in newest.parent.glob("*.arrays"):
+        with suppress(FileNotFoundError):  # removed meanwhile
+            stat = path.stat()
+            entries.append((path == newest, stat.st_mtime, stat.st_size, path))
+    left = sum(size for *_, size, _ in entries)
+    for kept, _, size, path in sorted(entries):
+        if left <= MOST_BYTES or kept:
+            return
+        with suppress(OSError):  # of others, or being read
+            path.unlink()
+        left -= size

@@ -31,9 +31,11 @@ class TrackedFrame:
     inlier_rmse: float
     """Of the distances of the explained points, m."""
     std: Mapping[str, float]
-    """Standard deviation of each joint, rad or m; it grows while a joint is undetermined."""
+    """Standard deviation of each joint, rad or m; it grows while a joint is undetermined, and stays large until one
+    that came back is believed."""
     undetermined: tuple[str, ...]
-    """Joints that the frame does not tell: they keep the value that was told last."""
+    """Joints that the frame does not tell: they keep the value that was told last; and joints that came
+    back and are not believed yet, whose values are fitted."""
     points: int
     """Points used."""
     iterations: int

@@ -92,7 +92,9 @@ class Tracker:
 
     The first frame is searched for the model unless `initial` tells about where it is. A model that is not seen goes
     on a little and then holds still; after `PATIENCE` frames it counts as lost and is searched for, from where it was
-    and then everywhere. The same frames give the same states, bit for bit, unless there is a time limit.
+    and then everywhere. Joints that come back after frames that did not tell them are on trial until other values have
+    been tried and none does as well; trials that a time limit cuts short do not count. The same frames give the same
+    states, bit for bit, unless there is a time limit.
     """
 
     def __init__(
@@ -296,7 +298,12 @@ class Tracker:
         lower, upper = self.model.lower / self._unit, self.model.upper / self._unit
         turned = lower + (starts - lower) % np.maximum(upper - lower, 1e-9)
         starts = np.where(self.model.continuous, turned, np.clip(starts, lower, upper))
-        order = np.argsort([self._fitting.against(fit.T, start, usual) for start in starts], kind="stable")
+        against: list[float] = []
+        for start in starts:
+            if clock.perf_counter() >= limit:
+                return []
+            against.append(self._fitting.against(fit.T, start, usual))
+        order = np.argsort(against, kind="stable")
         loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
         held = expected.held & self._untold(fit, expected)
         T = self._fitting.inward(fit.T)
@@ -446,7 +453,8 @@ class Tracker:
 
     def _covariance(self, fit: Fit) -> Array:
         scale = np.r_[np.ones(3), np.full(3, self.model.diagonal), self._unit]
-        return np.asarray(fit.covariance * np.outer(scale, scale))
+        on_trial = np.diag(np.r_[np.zeros(6), self._apart**2])
+        return np.asarray((fit.covariance + on_trial) * np.outer(scale, scale))
 
     def _state(self, T: Array, values: Array) -> State:
         joints = self.model.within_limits(values * self._unit)

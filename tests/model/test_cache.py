@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import time
 from pathlib import Path
 
@@ -94,6 +95,18 @@ def test_a_folder_that_cannot_be_written_costs_only_the_next_load(
         for _ in range(2):
             assert np.array_equal(load_or_build(KEY, arrays)["faces"], [[0, 1, 2]])
     assert caplog.text.count("cannot be written") == 1
+
+
+def test_what_was_not_used_for_longest_makes_room(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    load_or_build("first", arrays)
+    monkeypatch.setattr(cache, "MOST_BYTES", 3 * (folder / "first.arrays").stat().st_size + 10)
+    for number, key in enumerate(["first", "second", "third"]):
+        load_or_build(key, arrays)
+        os.utime(folder / f"{key}.arrays", (number, number))
+    (folder / "notes.txt").write_text("not of the cache")
+    load_or_build("first", never)  # used: the second is older now
+    load_or_build("fourth", arrays)
+    assert sorted(path.stem for path in folder.iterdir()) == ["first", "fourth", "notes", "third"]
 
 
 def test_failed_builds_leave_nothing(folder: Path) -> None:

@@ -301,6 +301,31 @@ def test_a_joint_that_comes_back_is_doubted_until_it_is_tried(arm: pk.Articulate
     assert "elbow" not in back[-1].undetermined and back[-1].std["elbow"] < np.radians(2.5)
 
 
+def _elbow_back(arm: pk.ArticulatedModel, moving: Frames) -> tuple[pk.Tracker, pk.TrackedFrame]:
+    """Return a tracker of an elbow that was hidden for 14 frames, and the frame in which it is seen again."""
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for frame in moving[1:15]:
+        tracker.update(_forearm_hidden(arm, frame), frame.time)
+    return tracker, tracker.update(moving[15].images[0], moving[15].time)
+
+
+def test_a_joint_that_is_hidden_again_stays_on_trial(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker, _ = _elbow_back(arm, moving)
+    hidden = tracker.update(_forearm_hidden(arm, moving[16]), moving[16].time)
+    assert "elbow" in hidden.undetermined and hidden.std["elbow"] > np.radians(10.0)
+
+
+def test_a_search_ends_all_trials(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker, back = _elbow_back(arm, moving)
+    (elsewhere,) = simulate_sequence(arm, 1, size=(160, 120), seed=1)
+    for number in range(1, 40):
+        found = tracker.update(elsewhere.images[0], back.time + 0.1 * number)
+        if found.searched and not found.lost:
+            break
+    assert found.searched and not found.lost and "elbow" not in found.undetermined
+
+
 def test_what_noise_is_usual_is_not_forgotten(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracker = pk.Tracker(arm, initial=moving[0].state)
     shown = []

@@ -84,7 +84,8 @@ class Evidence:
     sensor."""
 
     refuted: float
-    """Share of the model's surface that a single view should show and looks past; 0 for other scans."""
+    """Share of the model's surface that a single view should show and looks past; 0 for other scans. Where no ray came
+    back it counts for a tenth once a first search convinced nobody."""
 
     continued: float
     """Share of the model's edges beyond which the scan goes on in the same plane: surface of something larger."""
