@@ -68,7 +68,8 @@ def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> 
     # Neighbouring points hide some of the noise where it folds thin parts.
     noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
     given, placements = search.observation.given, search.part_placements(final)
-    part = search.assigned(given, placements[0], search.exists, search.reach)[1]
+    off, owner = search.given_owners(final)
+    part = np.where(off < search.reach, owner, -1)
     distance = search.distances(given, placements, search.exists, search.reach, loosely=True)[0]
     systematic = float(np.sqrt(max(search.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
     seen = problem.counts >= LEAST_POINTS
