@@ -65,7 +65,12 @@ class Fit:
     @property
     def against(self) -> float:
         """How much speaks against it, in points: those that are off, and surface that should be seen but is not."""
-        return self.points * (self.cost + 1.0 - self.support)
+        return self.points * contradiction(self.cost, self.support)
+
+
+def contradiction(cost: float, support: float) -> float:
+    """Return how much speaks against a fit, from 0 to 2, by what its points cost and by its support: see `Fit`."""
+    return cost + 1.0 - support
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,7 @@ class Usual:
 
     def doubts(self, fit: Fit) -> bool:
         """Return whether clearly more than usual speaks against a fit, however little of the whole it is."""
-        return fit.against > COSTLY * fit.points * (self.cost + 1.0 - self.support)
+        return fit.against > COSTLY * fit.points * contradiction(self.cost, self.support)
 
     def renewed(self, fit: Fit) -> Usual:
         """Return the usual after another good fit."""

@@ -305,14 +305,16 @@ class AnswerSearch:
                 with self.watch.stage("repair"):
                     answers.append(self._repaired_one_by_one(seed, left, looked))
             best = self._distinct(answers)
-            if self._is_sound(best, options.sure):
+            sure = self._sureness(best)
+            if sure >= options.sure:
                 break
             if len(unlike(self.search, best.take([0]), again, self.search.options.distinct)):
                 with self.watch.stage("repair"):
                     answers.append(self._looked_at_again(seed, best.take([0])))
                 best = self._distinct(answers)
                 again.append(best.take([0]))
-            if self._is_sound(best, options.confident):
+                sure = self._sureness(best)
+            if sure >= options.confident:
                 break
         return best
 
@@ -335,7 +337,7 @@ class AnswerSearch:
         for look in looks[: max(1, round(options.finalists * search.share_tried))]:
             several.append(self._repaired(look))
             best = several[-1]
-            if is_convincing(search, best.take([0]), options) or self._is_sound(best, options.confident):
+            if is_convincing(search, best.take([0]), options) or self._sureness(best) >= options.confident:
                 break
         return self._distinct(several)
 
@@ -439,13 +441,12 @@ class AnswerSearch:
             best = better
         return search.scored(best)[0] if best is not start else None
 
-    def _is_sound(self, solutions: Candidates, confident: float) -> bool:
-        """Return whether the best of several answers to a scene is sound, and at least so `confident`."""
+    def _sureness(self, solutions: Candidates) -> float:
+        """Return the confidence in the best of several answers to a scene, 0 where it is not sound."""
         evidence = gathered(self.search, solutions.take([0]), solutions)
         options = self.options.scene_search
-        if evidence.continued > options.continued or confidence(evidence) < confident:
-            return False
-        return soundness(evidence) >= options.sound
+        sound = evidence.continued <= options.continued and soundness(evidence) >= options.sound
+        return confidence(evidence) if sound else 0.0
 
     def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""
