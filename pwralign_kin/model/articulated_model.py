@@ -18,12 +18,14 @@ from pwralign_kin import files, kernels, se3
 from pwralign_kin.exceptions import ModelError, StateError, UnknownNameError
 from pwralign_kin.model import cache
 from pwralign_kin.model.description import Description, Joint
+from pwralign_kin.model.kernel_model import kernel_tree, model_reach, set_surfaces
 from pwralign_kin.model.kinematics import Kinematics
 from pwralign_kin.model.meshes import Geometry, MeshUnits, read_geometry
 from pwralign_kin.model.packages import PackageFolders, package_folders
 from pwralign_kin.model.part_graph import Part, Weld, assemble_parts, joint_motion, weld_links
-from pwralign_kin.model.surface import VERSION as SURFACE_VERSION
-from pwralign_kin.model.surface import Surface, kernel_model, model_reach, prepare_surfaces
+from pwralign_kin.model.surface import Surface
+from pwralign_kin.model.surface_sampling import VERSION as SURFACE_VERSION
+from pwralign_kin.model.surface_sampling import Mesh, sample_surfaces
 from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
 from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
 from pwralign_kin.model.urdf import GeometryKind, read_urdf
@@ -207,23 +209,31 @@ class ArticulatedModel:
 
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
-        """The outer-visible surface of every part, from the user's cache where it was prepared before."""
-        return prepare_surfaces(self)
+        """The outer-visible surface of every part, from the user's cache where it was prepared before.
+
+        Raises `ModelError` when nothing of the model can be seen from outside.
+        """
+        surfaces = sample_surfaces(self.content_key, self._meshes, self._random_placements)
+        if not any(surface.exists for surface in surfaces):
+            raise ModelError(self.urdf_path, "no part has any surface that can be seen from outside")
+        return surfaces
 
     @cached_property
     def kernel_model(self) -> kernels.Articulated:
         """The model as the compiled kernels take it."""
-        return kernel_model(self, self.surfaces)
+        native = kernel_tree(self.parts, self.diagonal, self.joint_scales, self.lower, self.upper, self.continuous)
+        set_surfaces(native, self.surfaces)
+        return native
 
     @cached_property
     def kernel_meshes(self) -> list[kernels.TriangleMesh]:
         """The triangles of every part as the compiled kernels take them, lengths in model diagonals."""
         return [
             kernels.TriangleMesh(
-                np.ascontiguousarray(part.vertices / self.diagonal, np.float32).reshape(-1, 3),
-                np.ascontiguousarray(part.faces, np.int32).reshape(-1, 3),
+                np.ascontiguousarray(vertices, np.float32).reshape(-1, 3),
+                np.ascontiguousarray(faces, np.int32).reshape(-1, 3),
             )
-            for part in self.parts
+            for vertices, faces in self._meshes()
         ]
 
     @cached_property
@@ -326,6 +336,16 @@ class ArticulatedModel:
     @cached_property
     def _neutral_values(self) -> Array:
         return np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
+
+    def _meshes(self) -> list[Mesh]:
+        """Return the triangles of every part, lengths in model diagonals."""
+        return [(part.vertices / self.diagonal, part.faces) for part in self.parts]
+
+    def _random_placements(self, random: np.random.Generator) -> Array:
+        """Return (n_parts, 4, 4) placements in the root frame at random joint values, lengths in model diagonals."""
+        placements = self.part_placements(self.lower + (self.upper - self.lower) * random.random(len(self.lower)))
+        placements[:, :3, 3] /= self.diagonal
+        return placements
 
     def _allows(self, name: str, value: float) -> bool:
         index = self._index[name]

@@ -1,46 +1,18 @@
-"""The outer-visible surface of every part: samples with normals and weights, and closest-sample grids.
-
-CAD visuals hold inner surfaces that no sensor sees. Samples are therefore kept, weighted and oriented by how often
-rays leave them freely over random configurations. Everything here is in units of the model's diagonal, in part frames.
-"""
+"""The outer-visible surface of a part, as the search and the kernels take it, and what parts weigh by it."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import kernels
-from pwralign_kin.dependencies import open3d
-from pwralign_kin.exceptions import ModelError
-from pwralign_kin.model.cache import load_or_build
-from pwralign_kin.model.flat_faces import FlatFaces, flat_faces
 from pwralign_kin.se3 import Array
-
-if TYPE_CHECKING:
-    from pwralign_kin.model.articulated_model import ArticulatedModel
 
 Float = NDArray[np.float32]
 
-VERSION = 11  # part of the cache key: raise it when the preparation changes
-COARSE_SAMPLES = 160  # of a part, the first of its samples: spread over all of it
-PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
-DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
-MOST_DENSE_SAMPLES = 30000  # of a part: what the closest of points of a scan is told from
-NORMAL_RADIUS = 0.025  # about that of the neighbourhoods that normals of scans are of
-GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
-GRID_BAND = 0.07  # how far around a part the grid tells its closest sample
-CONFIGURATIONS = 12  # random ones, in which each sample is looked at ...
-DIRECTIONS = 14  # ... from so many sides
-REACH_CONFIGURATIONS = 60  # random ones, that tell how far the model reaches
-SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
-LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
-FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face
 LEAST_WEIGHT = 0.02  # small parts count at least this share, ...
 SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than this: a hand of many parts is still a hand
 
@@ -90,26 +62,6 @@ class Surface:
         return float(self.scalars[4])
 
 
-ARRAYS = tuple(Surface.__dataclass_fields__)
-
-
-def prepare_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
-    """Return the surface of every part, from the user's cache when the same model was prepared before.
-
-    Raises `ModelError` when nothing of the model can be seen from outside.
-    """
-
-    def build() -> dict[str, NDArray[Any]]:
-        surfaces = build_surfaces(model)
-        return {f"{i}/{name}": getattr(s, name) for i, s in enumerate(surfaces) for name in ARRAYS}
-
-    arrays = load_or_build(f"surface-{VERSION}-{model.content_key}", build)
-    surfaces = tuple(Surface(**{name: arrays[f"{i}/{name}"] for name in ARRAYS}) for i in range(len(model.parts)))
-    if not any(surface.exists for surface in surfaces):
-        raise ModelError(model.urdf_path, "no part has any surface that can be seen from outside")
-    return surfaces
-
-
 def part_weights(surfaces: Sequence[Surface]) -> Float:
     """Return the weight (n,) of every part in the score: its share of the visible area, but never negligible."""
     areas = np.array([s.area for s in surfaces])
@@ -118,242 +70,11 @@ def part_weights(surfaces: Sequence[Surface]) -> Float:
     return np.asarray(weights / weights.sum(), np.float32)
 
 
-def model_reach(native: kernels.Articulated, surfaces: Sequence[Surface]) -> float:
-    """Return the largest diagonal of the box around the model over random joint values, in model diagonals."""
-    random = np.random.default_rng(0)
-    lower, upper = native.limits
-    values = random.uniform(lower, upper, (REACH_CONFIGURATIONS, len(lower)))
-    T = np.asarray(native.forward(np.tile(np.eye(4), (REACH_CONFIGURATIONS, 1, 1)), values))
-    placed = np.concatenate(
-        [
-            surface.samples[:12] @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
-            for i, surface in enumerate(surfaces)
-            if surface.exists
-        ],
-        axis=1,
-    )
-    return float(np.linalg.norm(np.ptp(placed, axis=1), axis=1).max())
-
-
-def kernel_model(model: ArticulatedModel, surfaces: Sequence[Surface]) -> kernels.Articulated:
-    """Return the model as the compiled kernels take it (`kernels.Articulated`), lengths in model diagonals."""
-    count, diagonal = len(model.parts), model.diagonal
-    placement = np.tile(np.eye(4), (count, 1, 1))
-    axis, multiplier, offset = np.zeros((count, 3)), np.ones(count), np.zeros(count)
-    parent, actuated, prismatic = (
-        np.full(count, -1, np.int32),
-        np.zeros(count, np.int32),
-        np.zeros(count, np.uint8),
-    )
-    lower, upper = model.lower / model.joint_scales, model.upper / model.joint_scales
-    wraps = model.continuous.astype(np.uint8)
-    for i, part in enumerate(model.parts):
-        joint = part.joint
-        if joint is None:
-            continue
-        placement[i] = joint.T_parent_joint
-        placement[i, :3, 3] /= diagonal
-        parent[i], actuated[i], prismatic[i] = part.parent, joint.actuated, joint.kind == "prismatic"
-        axis[i] = joint.axis
-        # value = multiplier * u + offset, each side in its own unit: metres become diagonals
-        output = diagonal if prismatic[i] else 1.0
-        multiplier[i] = joint.multiplier * model.joint_scales[joint.actuated] / output
-        offset[i] = joint.offset / output
-    native = kernels.Articulated(parent, actuated, placement, axis, prismatic, multiplier, offset, lower, upper, wraps)
-    for i, (surface, weight) in enumerate(zip(surfaces, part_weights(surfaces), strict=True)):
-        cell, spacing, radius, size, area = map(float, surface.scalars)
-        native.set_surface(
-            i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals,
-            surface.apparent_normals, surface.grid, _triple(surface.origin), cell, spacing, _triple(surface.centre),
-            radius, size, area, float(weight),
-        )  # fmt: skip
-    return native
-
-
-def build_surfaces(model: ArticulatedModel) -> tuple[Surface, ...]:
-    """Sample every part, find what is visible from outside, and build the grids (seeded: always the same)."""
-    random = np.random.default_rng(0)
-    meshes = [(part.vertices / model.diagonal, part.faces) for part in model.parts]
-    candidates = [_evenly_spaced(vertices, faces, random) for vertices, faces in meshes]
-    probes = [
-        kernels.thin(points, min(PROBE_SPACING, _spacing(area, LEAST_PROBES))) if len(points) else np.zeros(0, np.int32)
-        for points, _, _, area in candidates
-    ]
-    probe_points = [points[kept] for (points, *_), kept in zip(candidates, probes, strict=True)]
-    probe_normals = [normals[kept] for (_, normals, *_), kept in zip(candidates, probes, strict=True)]
-    seen, facing = _visibility(model, meshes, probe_points, probe_normals, random)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        vertices = [vertices for vertices, _ in meshes]
-        return tuple(pool.map(_surface, vertices, candidates, probe_points, probe_normals, seen, facing))
-
-
-def _evenly_spaced(
-    vertices: NDArray[Any], faces: NDArray[Any], random: np.random.Generator
-) -> tuple[Float, Float, float, float]:
-    """Return evenly spaced points (m, 3) on the triangles, their face normals (m, 3), the spacing and the area."""
-    if len(faces) == 0:
-        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), DENSE_SPACING, 0.0
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    cross = np.cross(b - a, c - a)
-    twice_area = np.linalg.norm(cross, axis=1)
-    area = float(twice_area.sum() / 2)
-    spacing = max(min(DENSE_SPACING, _spacing(area, LEAST_DENSE_SAMPLES)), _spacing(area, MOST_DENSE_SAMPLES))
-    count = int(np.clip(5 * area / spacing**2, 2000, 6 * MOST_DENSE_SAMPLES))
-    face = np.searchsorted(np.cumsum(twice_area), random.random(count) * twice_area.sum(), side="right")
-    face = np.minimum(face, len(faces) - 1)
-    u, v = random.random((2, count))
-    outside = u + v > 1
-    u[outside], v[outside] = 1 - u[outside], 1 - v[outside]
-    points = a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face]
-    normals = cross[face] / twice_area[face, None]
-    points32 = np.ascontiguousarray(points, np.float32)
-    kept = kernels.thin(points32, spacing)
-    return points32[kept], np.ascontiguousarray(normals[kept], np.float32), spacing, area
-
-
-def _spacing(area: float, count: int) -> float:
-    """Return the spacing at which dart throwing keeps about `count` points on `area`."""
-    return float(np.sqrt(0.8 * area / count))
-
-
-def _visibility(
-    model: ArticulatedModel,
-    meshes: Sequence[tuple[NDArray[Any], NDArray[Any]]],
-    points: Sequence[Float],
-    normals: Sequence[Float],
-    random: np.random.Generator,
-) -> tuple[list[Float], list[Float]]:
-    """Return per part how often each point is seen over random configurations, and on which side of its normal."""
-    o3d = open3d()
-
-    seen = [np.zeros(len(p), np.float32) for p in points]
-    facing = [np.zeros(len(p), np.float32) for p in points]
-    directions = fibonacci_directions(DIRECTIONS)
-    for _ in range(CONFIGURATIONS):
-        values = model.lower + (model.upper - model.lower) * random.random(len(model.lower))
-        placements = model.part_placements(values)
-        placements[:, :3, 3] /= model.diagonal
-        turned = directions @ _random_rotation(random).T
-        scene = o3d.t.geometry.RaycastingScene()
-        for (vertices, faces), T in zip(meshes, placements, strict=True):
-            if len(faces):
-                posed = np.ascontiguousarray(vertices @ T[:3, :3].T + T[:3, 3], np.float32)
-                scene.add_triangles(o3d.core.Tensor(posed), o3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)))
-        for i, T in enumerate(placements):
-            if len(points[i]) == 0:
-                continue
-            world = points[i] @ T[:3, :3].T + T[:3, 3]
-            cosine = (normals[i] @ T[:3, :3].T) @ turned.T
-            starts = world[:, None] + 1.5e-3 * turned[None]
-            rays = np.concatenate([starts, np.broadcast_to(turned, starts.shape)], axis=-1).astype(np.float32)
-            free = ~scene.test_occlusions(o3d.core.Tensor(np.ascontiguousarray(rays))).numpy()
-            seen[i] += free.any(axis=1)
-            facing[i] += (free * np.sign(cosine) * np.abs(cosine)).sum(axis=1)
-    return [np.asarray(s / CONFIGURATIONS, np.float32) for s in seen], facing
-
-
-def _surface(
-    vertices: NDArray[Any],
-    candidates: tuple[Float, Float, float, float],
-    probes: Float,
-    probe_normals: Float,
-    seen: Float,
-    facing: Float,
-) -> Surface:
-    """Build one part's surface from its points (`_evenly_spaced`) and the visibility of its probes."""
-    dense, dense_normals, spacing, area = candidates
-    visible = seen > SEEN_SHARE
-    if visible.sum() < LEAST_SAMPLES:
-        return _no_surface()
-    from scipy.spatial import cKDTree
-
-    # A dense sample is as visible as the nearest probe on its own side of the wall.
-    near = cKDTree(probes).query(dense, k=min(6, len(probes)))[1]
-    same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > 0.3
-    probe = near[np.arange(len(dense)), np.argmax(same_side, axis=1)]
-    dense_normals = dense_normals * np.where(facing[probe] < 0, -1, 1)[:, None]
-    dense_normals = np.ascontiguousarray(dense_normals, np.float32)
-    shown, apparent = visible[probe], dense_normals.copy()
-    apparent[shown] = kernels.apparent_normals(dense[shown], dense_normals[shown], NORMAL_RADIUS, 1)
-    oriented = (probe_normals * np.where(facing < 0, -1, 1)[:, None])[visible]
-    outer, frequency = probes[visible], seen[visible]
-    coarse = kernels.farthest_points(np.ascontiguousarray(outer), COARSE_SAMPLES)
-    owner = cKDTree(outer[coarse]).query(outer)[1]
-    weights = np.bincount(owner, weights=frequency, minlength=len(coarse))
-
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    origin, extent = low - GRID_BAND, high - low + 2 * GRID_BAND
-    cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
-    nx, ny, nz = (int(np.ceil(e / cell)) + 1 for e in extent)
-    dims = nx, ny, nz
-    grid = kernels.closest_sample_grid(dense, _triple(origin), cell, dims, GRID_BAND)
-    visible_area = area * frequency.sum() / len(probes)
-    flat = _flat(np.ascontiguousarray(outer), np.ascontiguousarray(oriented, np.float32), area / len(probes))
-    centre = (low + high) / 2
-    radius = np.linalg.norm(vertices - centre, axis=1).max()
-    return Surface(
-        samples=np.ascontiguousarray(outer[coarse], np.float32),
-        normals=apparent[cKDTree(dense).query(outer[coarse])[1]],
-        weights=np.asarray(weights / weights.sum(), np.float32),
-        dense=dense,
-        dense_normals=dense_normals,
-        apparent_normals=apparent,
-        grid=grid.reshape(dims),
-        origin=np.asarray(origin, np.float32),
-        centre=np.asarray(centre, np.float32),
-        faces=flat.frames,
-        face_sizes=flat.sizes,
-        scalars=np.array([cell, spacing, radius, np.linalg.norm(high - low), visible_area], np.float32),
-    )
-
-
-def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
-    """Return the flat faces of the visible probes of one part."""
-    spacing = float(np.sqrt(area_per_point))
-    area = np.full(len(points), area_per_point)
-    return flat_faces(points, normals, area, 2.5 * spacing, FACE_TOLERANCE, LEAST_FACE)
-
-
-def _no_surface() -> Surface:
-    none = np.zeros((0, 3), np.float32)
-    return Surface(
-        none, none, np.zeros(0, np.float32), none, none, none, np.zeros((0, 0, 0), np.uint16),
-        np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros((0, 4, 4)), np.zeros((0, 2)),
-        np.array([1, 0, 0, 0, 0], np.float32),
-    )  # fmt: skip
-
-
-def _triple(v: NDArray[Any]) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
-
-
-def fibonacci_directions(count: int) -> NDArray[np.float64]:
-    """Return `count` unit vectors spread evenly over the sphere (spherical Fibonacci lattice)."""
-    k = np.arange(count)
-    z = 1 - 2 * (k + 0.5) / count
-    angle = np.pi * (3 - np.sqrt(5)) * k
-    r = np.sqrt(1 - z * z)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
-def _random_rotation(random: np.random.Generator) -> NDArray[np.float64]:
-    from scipy.spatial.transform import Rotation
-
-    q = random.normal(size=4)
-    return np.asarray(Rotation.from_quat(q / np.linalg.norm(q)).as_matrix())
-
-
 def total_area(surfaces: Sequence[Surface]) -> float:
     """Return the visible area of all parts, in squared model diagonals."""
     return float(sum(s.area for s in surfaces))
 
 
-__all__ = [
-    "Surface",
-    "build_surfaces",
-    "fibonacci_directions",
-    "kernel_model",
-    "part_weights",
-    "prepare_surfaces",
-    "total_area",
-]
+def triple(v: NDArray[Any]) -> tuple[float, float, float]:
+    """Return a vector (3,) as the kernels take it."""
+    return float(v[0]), float(v[1]), float(v[2])

@@ -140,7 +140,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
 def read_quickly(path: Path, package_dirs: Sequence[Path] = ()) -> ArticulatedModel:
     """Read a model without its sampled surfaces, which export does not need and which take long to make."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
-        patch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+        patch.setattr(articulated_model.ArticulatedModel, "surfaces", ())
+        patch.setattr(articulated_model, "set_surfaces", lambda native, surfaces: None)
         patch.setattr(articulated_model, "model_reach", lambda native, surfaces: 0.0)
         return ArticulatedModel.from_urdf(path, package_dirs=package_dirs)

@@ -20,8 +20,8 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
 @pytest.fixture(autouse=True)
 def _without_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sampling surfaces takes longer than everything tested here."""
-    monkeypatch.setattr(articulated_model, "prepare_surfaces", lambda model: ())
-    monkeypatch.setattr(articulated_model, "kernel_model", lambda model, surfaces: None)
+    monkeypatch.setattr(articulated_model.ArticulatedModel, "surfaces", ())
+    monkeypatch.setattr(articulated_model, "set_surfaces", lambda native, surfaces: None)
     monkeypatch.setattr(articulated_model, "model_reach", lambda native, surfaces: 0.0)
 
 

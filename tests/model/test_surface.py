@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.model.surface import Surface, build_surfaces, part_weights
+from pwralign_kin.model.surface import Surface, part_weights
+from pwralign_kin.model.surface_sampling import build_surfaces
 
 SIDE, RIB, DEPTH = 1.0, 0.02, 0.008
 
@@ -50,7 +51,9 @@ def test_fine_ribs_have_normals_as_a_scan_tells_them(tmp_path: Path) -> None:
         '<robot name="plate"><link name="plate"><visual><geometry><mesh filename="plate.obj"/></geometry></visual>'
         "</link></robot>"
     )
-    (surface,) = build_surfaces(ArticulatedModel.from_urdf(urdf))
+    model = ArticulatedModel.from_urdf(urdf)
+    plate = model.parts[0].vertices / model.diagonal, model.parts[0].faces
+    (surface,) = build_surfaces([plate], lambda random: np.eye(4)[None])
     inner = (np.abs(surface.dense[:, :2] - surface.dense[:, :2].mean(axis=0)) < 0.2).all(axis=1)
     ribs = inner & (surface.dense[:, 2] > -0.01)
     assert surface.dense_normals[ribs, 2].max() < 0.9

@@ -23,7 +23,7 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
     Solution,
     bounded_step,
 )
-from pwralign_kin.model.surface import fibonacci_directions
+from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)

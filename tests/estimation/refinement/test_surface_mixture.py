@@ -13,7 +13,7 @@ from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.model.surface import fibonacci_directions
+from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.simulation import Sensor, SimulatedScan
 
 SIGMA, STRAYS, VOLUME = 0.02, 0.05, 0.5

@@ -12,7 +12,7 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch, halved
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
-from pwralign_kin.model.surface import Surface, kernel_model
+from pwralign_kin.model.surface import Surface
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 NONE = np.zeros(1, np.float32)
@@ -217,8 +217,9 @@ def test_fine_slats_explain_a_scan_that_shows_them_as_one_plane(tmp_path: Path) 
     observation = observe(made.scan, model.diagonal, ObservationOptions(), 2)
 
     def explained(surfaces: tuple[Surface, ...]) -> float:
-        native = kernel_model(model, surfaces)
-        search = TreeSearch(native, surfaces, observation, np.zeros(1), SearchOptions(), 2)
+        other = replace(model)
+        vars(other)["surfaces"] = surfaces
+        search = TreeSearch(other.kernel_model, surfaces, observation, np.zeros(1), SearchOptions(), 2)
         return float(search.coverage(true_candidate(model, search, made, np.ones(1)))[0])
 
     as_made = tuple(replace(s, apparent_normals=s.dense_normals) for s in model.surfaces)
