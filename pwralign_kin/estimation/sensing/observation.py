@@ -298,10 +298,11 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
 
 
 def at_most(points: Float, most: int) -> Float:
-    """Return a fair sample of the points."""
+    """Return a fair sample of the points, in their order: of given points, neighbours stay next to each other."""
     if len(points) <= most:
         return points
-    return np.ascontiguousarray(points[np.random.default_rng(0).choice(len(points), most, replace=False)])
+    chosen = np.random.default_rng(0).choice(len(points), most, replace=False)
+    return np.ascontiguousarray(points[np.sort(chosen)])
 
 
 def as_given(
