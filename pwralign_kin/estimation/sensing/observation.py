@@ -445,9 +445,9 @@ def edge_on(scan: Scan, diagonal: float) -> bool:
 def _in_pixels(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, NDArray[np.int32]]:
     """Return range and pixel of a sample of the points, seen from the `origin` (in search units)."""
     rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
-    ranges = np.linalg.norm(rays, axis=1)
-    pixel = HIDING_PIXEL / max(float(np.median(ranges)), LEAST_HIDING_RANGE)
-    directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
+    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    pixel = HIDING_PIXEL / max(median(ranges), LEAST_HIDING_RANGE)
+    directions = rays / (pixel * np.maximum(ranges, 1e-9))[:, None]
     return ranges, kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
 
 
