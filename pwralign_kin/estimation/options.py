@@ -103,7 +103,8 @@ class EstimatorOptions:
 
 def changed(options: Any) -> dict[str, Any]:
     """Return the options that differ from their defaults, as nested plain values."""
-    defaults = vars(_defaults(type(options)))
+    kind: type = type(options)
+    defaults = vars(_defaults(kind))
     given = {name: value for name, value in vars(options).items() if value != defaults[name]}
     return {name: changed(value) if is_dataclass(value) else value for name, value in given.items()}
 

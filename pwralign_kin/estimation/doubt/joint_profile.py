@@ -109,7 +109,7 @@ def _cost(
     left = search.distances(points, placed, search.exists & moves, reach, loosely=True)
     np.square(np.minimum(left, otherwise, out=left), out=left)
     each = len(on_side) / max(len(points), 1) / (2.0 * POINTS_AS_ONE)
-    return left.sum(axis=1).astype(float) * each / variance
+    return np.asarray(left.sum(axis=1) * (each / variance), float)
 
 
 def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:
