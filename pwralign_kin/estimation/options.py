@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from numbers import Integral
 from typing import Any, Literal, get_args
 
@@ -102,6 +103,12 @@ class EstimatorOptions:
 
 def changed(options: Any) -> dict[str, Any]:
     """Return the options that differ from their defaults, as nested plain values."""
-    defaults = vars(type(options)())
+    kind: type = type(options)
+    defaults = vars(_defaults(kind))
     given = {name: value for name, value in vars(options).items() if value != defaults[name]}
     return {name: changed(value) if is_dataclass(value) else value for name, value in given.items()}
+
+
+@cache
+def _defaults(kind: type) -> Any:
+    return kind()

@@ -10,17 +10,27 @@ class Cells {
     // `size` is the largest radius that `visit` answers.
     Cells(const Vec *points, int64_t count, float size) : size(size), inverse(1.f / size) {
         origin = count ? points[0] : Vec{0, 0, 0};
+        Vec high = origin;
         for (int64_t i = 0; i < count; ++i) {
-            origin.x = std::min(origin.x, points[i].x);
-            origin.y = std::min(origin.y, points[i].y);
-            origin.z = std::min(origin.z, points[i].z);
+            origin = {std::min(origin.x, points[i].x), std::min(origin.y, points[i].y), std::min(origin.z, points[i].z)};
+            high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
         }
+        nx = coordinate(high.x - origin.x) + 1, ny = coordinate(high.y - origin.y) + 1, nz = coordinate(high.z - origin.z) + 1;
         keys.resize(count), order.resize(count), sorted.resize(count);
-        for (int64_t i = 0; i < count; ++i) keys[i] = key(points[i]);
+        for (int64_t i = 0; i < count; ++i)
+            keys[i] = uint64_t((coordinate(points[i].x - origin.x) * ny + coordinate(points[i].y - origin.y)) * nz + coordinate(points[i].z - origin.z));
         std::iota(order.begin(), order.end(), 0);
         sort();
         for (int64_t i = 0; i < count; ++i) sorted[i] = points[order[i]];
         split = SplitPoints(sorted.data(), count, 1);
+        if (nx * ny > most_columns * (count + 1000)) return;
+        columns.reserve(nx * ny + 1);
+        int64_t at = 0;
+        for (int64_t column = 0; column < nx * ny; ++column) {
+            columns.push_back(int(at));
+            while (at < count && keys[at] < uint64_t((column + 1) * nz)) ++at;
+        }
+        columns.push_back(int(count));
     }
 
     // Call f(index, squared distance) for every point within `radius` (at most the cell size) of p.
@@ -35,30 +45,32 @@ class Cells {
         });
     }
 
-    // Call f(first, last) for the rows of sorted points in the cells up to `rings` away from that of p. `hints`, one a row,
-    // are where the rows of the cell before began: what is asked in the order of the cells is found near to them.
-    template <typename F> void rows_about(Vec p, int rings, F &&f, std::vector<int64_t> *hints = nullptr) const {
+    // Call f(first, last) for the rows of sorted points in the cells up to `rings` away from that of p.
+    template <typename F> void rows_about(Vec p, int rings, F &&f) const {
         const int64_t cx = coordinate(p.x - origin.x), cy = coordinate(p.y - origin.y), cz = coordinate(p.z - origin.z);
-        if (hints) hints->resize((2 * rings + 1) * (2 * rings + 1), 0);
-        int row = 0;
-        for (int64_t x = cx - rings; x <= cx + rings; ++x)
-            for (int64_t y = cy - rings; y <= cy + rings; ++y) {
+        const int64_t low = std::max<int64_t>(0, cz - rings), high = std::min(nz - 1, cz + rings);
+        if (low > high) return;
+        for (int64_t x = std::max<int64_t>(0, cx - rings); x <= std::min(nx - 1, cx + rings); ++x)
+            for (int64_t y = std::max<int64_t>(0, cy - rings); y <= std::min(ny - 1, cy + rings); ++y) {
                 // The cells along z are neighbours in the sorted order.
-                const int64_t first = first_from(hints ? (*hints)[row] : 0, pack_cell(x, y, cz - rings));
-                if (hints) (*hints)[row++] = first;
-                const uint64_t end = pack_cell(x, y, cz + rings);
+                const int64_t column = x * ny + y;
+                const uint64_t begin = uint64_t(column * nz + low), end = uint64_t(column * nz + high);
+                const auto from = keys.begin() + (columns.empty() ? 0 : columns[column]);
+                const auto to = columns.empty() ? keys.end() : keys.begin() + columns[column + 1];
+                const int64_t first = std::lower_bound(from, to, begin) - keys.begin();
                 int64_t last = first;
                 while (last < int64_t(keys.size()) && keys[last] <= end) ++last;
                 if (first != last) f(first, last);
             }
     }
+    // What all positions in one cell share, and no others.
     uint64_t key(Vec p) const {
         return pack_cell(coordinate(p.x - origin.x), coordinate(p.y - origin.y), coordinate(p.z - origin.z));
     }
 
     float size;
-    std::vector<uint64_t> keys; // sorted
-    std::vector<int> order;     // point of each key
+    std::vector<uint64_t> keys; // number of the cell of each sorted point
+    std::vector<int> order;     // each of them among all points
     std::vector<Vec> sorted;    // positions in that order, ...
     SplitPoints split;          // ... and once more, for several at a time
 
@@ -81,35 +93,27 @@ class Cells {
             keys.swap(next_keys), order.swap(next_order);
         }
     }
-    // The first of the sorted keys that is no less than `key`, looked for in steps that double from a hint on.
-    int64_t first_from(int64_t hint, uint64_t key) const {
-        const int64_t size = int64_t(keys.size());
-        int64_t low = hint > 0 && keys[hint - 1] >= key ? 0 : hint, step = low > 0 ? 1 : size;
-        for (; low + step <= size && keys[low + step - 1] < key; step *= 2) low += step;
-        return std::lower_bound(keys.begin() + low, keys.begin() + std::min(size, low + step), key) - keys.begin();
-    }
     int64_t coordinate(float v) const { return int64_t(std::floor(v * inverse)); }
+    static constexpr int64_t most_columns = 8; // times the number of points: beyond, the rows are sought among all
+
     float inverse;
     Vec origin;
+    int64_t nx, ny, nz;
+    std::vector<int> columns; // where the points of each column of cells along z begin
 };
 
 // The points in and around one cell, the same for all that is asked from within that cell.
 struct Surroundings {
     SplitPoints points;
     std::vector<int> order; // of each point, among all
-    std::vector<int64_t> hints;
 
     void look(const Cells &cells, Vec p, int rings) {
         points.clear(), order.clear();
-        if (rings != looked) hints.clear(), looked = rings;
         cells.rows_about(p, rings, [&](int64_t first, int64_t last) {
             points.push(cells.split, first, last);
             order.insert(order.end(), cells.order.begin() + first, cells.order.begin() + last);
-        }, &hints);
+        });
     }
-
-  private:
-    int looked = 0;
 };
 
 } // namespace pwr

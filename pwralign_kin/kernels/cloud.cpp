@@ -44,10 +44,16 @@ static std::array<double, 3> eigenvalues(const double *m) {
     const double xy = m[1], xz = m[2], yz = m[4];
     const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
     const double determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
-    const double cosine = determinant / std::max(2 * spread * spread * spread, 1e-300);
-    const double angle = std::acos(std::clamp(cosine, -1., 1.)) / 3;
-    const double least = mean + 2 * spread * std::cos(angle + 2 * M_PI / 3);
-    const double most = mean + 2 * spread * std::cos(angle), middle = 3 * mean - least - most;
+    const double cosine = std::clamp(determinant / std::max(2 * spread * spread * spread, 1e-300), -1., 1.);
+    // They are mean + 2 spread c for the roots c of 4c^3 - 3c = cosine. One lies beyond cos(30 degrees), on the cosine's side,
+    // where the slope is steep: Newton's method takes it from a parabola's guess to the last digits. The others are what it
+    // leaves of the cubic.
+    const double size = std::abs(cosine);
+    double far = .8660254 + size * (.1640 - .0301 * size);
+    for (int i = 0; i < 3; ++i) far -= ((4 * far * far - 3) * far - size) / (12 * far * far - 3);
+    const double gap = std::sqrt(std::max(3 * (1 - far * far), 0.));
+    const double low = cosine < 0 ? -far : (-far - gap) / 2, high = cosine < 0 ? (far + gap) / 2 : far;
+    const double least = mean + 2 * spread * low, most = mean + 2 * spread * high, middle = 3 * mean - least - most;
     return {std::max(least, 0.), std::max(middle, 0.), std::max(most, 0.)};
 }
 
@@ -223,33 +229,6 @@ std::vector<int> components(const Vec *points, int64_t count, float radius) {
     return label;
 }
 
-// About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, from a
-// few of the points.
-static float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
-    constexpr int64_t most_points = 1000, most_queries = 16;
-    const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
-    std::vector<float> reaches, squared;
-    for (int64_t q = 0; q < asked; q += step) {
-        squared.clear();
-        for (int64_t i = 0; i < count; i += stride) {
-            const Vec d = points[i] - queries[q];
-            if (dot(d, d) > 0) squared.push_back(dot(d, d)); // a query may be one of the points
-        }
-        if (squared.empty()) squared.push_back(0);
-        const double wanted = double(k) / stride; // points of a surface grow with the reach squared
-        const int64_t rank = std::clamp<int64_t>(int64_t(wanted + .5), 1, int64_t(squared.size()));
-        std::nth_element(squared.begin(), squared.begin() + (rank - 1), squared.end());
-        reaches.push_back(std::sqrt(float(squared[rank - 1] * wanted / rank)));
-    }
-    std::nth_element(reaches.begin(), reaches.begin() + reaches.size() / 4, reaches.end());
-    Vec low = points[0], high = points[0];
-    for (int64_t i = 0; i < count; ++i) {
-        low = {std::min(low.x, points[i].x), std::min(low.y, points[i].y), std::min(low.z, points[i].z)};
-        high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
-    }
-    return std::max(1.4f * reaches[reaches.size() / 4], 1e-5f + 4e-6f * norm(high - low)); // cells must be countable
-}
-
 namespace {
 
 // The k nearest of the points that one query is shown, nearest first.
@@ -267,19 +246,47 @@ struct Nearest {
         for (; place > 0 && squared[place - 1] > at; --place) squared[place] = squared[place - 1], points[place] = points[place - 1];
         squared[place] = at, points[place] = point;
     }
-    void search(const Surroundings &around, Vec query, float reach) {
+    // Look at some points, which `order` numbers (null: as they come).
+    void search(const SplitPoints &shown, const int *order, Vec query, float reach) {
         found = 0;
-        for (int64_t i = 0; i < around.points.size; i += lane_count) {
-            const VecLanes d = around.points.at(i) - query;
+        for (int64_t i = 0; i < shown.size; i += lane_count) {
+            const VecLanes d = shown.at(i) - query;
             const FloatLanes at = dot(d, d);
-            const IntLanes near = first_lanes(int(around.points.size - i)) &
+            const IntLanes near = first_lanes(int(std::min<int64_t>(lane_count, shown.size - i))) &
                                   (at <= (complete() ? squared.back() : reach * reach));
             float squared_of[lane_count];
             store_lanes(at, squared_of);
-            for_lanes(near, [&](int j) { offer(around.order[i + j], squared_of[j]); });
+            for_lanes(near, [&](int j) { offer(order ? order[i + j] : int(i + j), squared_of[j]); });
         }
     }
 };
+
+// About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, by at most
+// so many of the points.
+float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
+    constexpr int64_t most_points = 8000, most_queries = 16;
+    const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
+    const SplitPoints some(points, count / stride, stride);
+    // Points of a surface grow with the reach squared. A query may be one of the points.
+    const int wanted = int(std::max<int64_t>(1, k / stride));
+    const float share = std::sqrt(float(k) / (stride * wanted));
+    Nearest nearest(wanted + 1);
+    std::vector<float> reaches;
+    for (int64_t q = 0; q < asked; q += step) {
+        nearest.search(some, nullptr, queries[q], 1e18f);
+        const float farthest = nearest.squared[nearest.found - 1];
+        if (farthest > 0) reaches.push_back(share * std::sqrt(farthest));
+    }
+    if (reaches.empty()) reaches.push_back(0);
+    const size_t rank = reaches.size() / 4;
+    std::nth_element(reaches.begin(), reaches.begin() + rank, reaches.end());
+    Vec low = points[0], high = points[0];
+    for (int64_t i = 0; i < count; ++i) {
+        low = {std::min(low.x, points[i].x), std::min(low.y, points[i].y), std::min(low.z, points[i].z)};
+        high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
+    }
+    return std::max(1.8f * reaches[rank], 1e-5f + 4e-6f * norm(high - low)); // cells must be countable
+}
 
 } // namespace
 
@@ -313,7 +320,7 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
                 if (at > b * block && order[at].first != order[at - 1].first) std::fill(known, known + 3, false);
                 for (int wide = 0; wide < 3 && (wide == 0 || !best.complete()); ++wide) {
                     if (!known[wide]) around[wide].look(cells, queries[i], 1 << wide), known[wide] = true;
-                    best.search(around[wide], queries[i], float(1 << wide) * cells.size);
+                    best.search(around[wide].points, around[wide].order.data(), queries[i], float(1 << wide) * cells.size);
                 }
                 answered[at] = best.complete();
                 for (int n = 0; n < k && best.complete(); ++n)

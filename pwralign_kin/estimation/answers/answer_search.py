@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -594,5 +595,5 @@ def point_likelihoods(search: TreeSearch, candidate: Candidates) -> tuple[Float,
 
 def _log_likelihoods(search: TreeSearch, distances: Float, of_best: Float) -> Float:
     # The noise counts, and what a bent scan leaves beside it.
-    noise = np.hypot(max(search.observation.noise, search.residual_of(of_best)), SAMPLING)
+    noise = math.hypot(max(search.observation.noise, search.residual_of(of_best)), SAMPLING)
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -101,13 +101,15 @@ def _cost(
     search = solver.search
     on_side = search.observation.given[(owner >= 0) & moves[owner]]
     points = at_most(np.ascontiguousarray(on_side), MOST_POINTS)
-    # What the other side explains it explains whatever the value is.
-    otherwise = search.distances(points, T[None], search.exists & ~moves, BAND, loosely=True).astype(float)
-    moved = search.distances(points, placed, search.exists & moves, BAND, loosely=True).astype(float)
-    left = np.minimum(moved, otherwise)
     variance = errors.noise**2 + errors.systematic**2
+    # Points farther off count all the same.
+    reach = min(BAND, MOST_STD * float(np.sqrt(variance)))
+    # What the other side explains it explains whatever the value is.
+    otherwise = search.distances(points, T[None], search.exists & ~moves, reach, loosely=True)
+    left = search.distances(points, placed, search.exists & moves, reach, loosely=True)
+    np.square(np.minimum(left, otherwise, out=left), out=left)
     each = len(on_side) / max(len(points), 1) / (2.0 * POINTS_AS_ONE)
-    return np.asarray(np.minimum(np.square(left) / variance, MOST_STD**2).sum(axis=1) * each)
+    return np.asarray(left.sum(axis=1) * (each / variance), float)
 
 
 def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:

@@ -113,8 +113,9 @@ def _displaced(solver: JointLeastSquares, solution: Solution, absent: NDArray[np
     seen, part = seen[counted[part]], part[counted[part]]
     about = solution.base[:3, 3]
     moved = np.tile(seen, (len(motions), 1, 1))
+    turned = exp(motions @ np.swapaxes(twists, 1, 2))  # (parts, n, 4, 4)
     for index in np.flatnonzero(np.bincount(part)):
-        own, T = part == index, exp(motions @ twists[index].T)
+        own, T = part == index, turned[index]
         moved[:, own] = (seen[own] - about) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] + about
     away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
     points = np.ascontiguousarray(moved[away], np.float32)

@@ -84,7 +84,7 @@ def _patches(points: Float, parts: Ints) -> int:
     cells -= cells.min(axis=0, initial=0)
     x, y, z = cells.T
     sides = cells.max(axis=0, initial=0) + 1
-    _, counts = np.unique(((parts * sides[0] + x) * sides[1] + y) * sides[2] + z, return_counts=True)
+    counts = np.bincount(((parts * sides[0] + x) * sides[1] + y) * sides[2] + z)
     return int((counts >= POINTS_OF_PATCH).sum())
 
 

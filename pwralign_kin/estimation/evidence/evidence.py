@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -234,7 +235,7 @@ def _off(
 def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
     """Return by how many standard deviations the points speak for the first candidate against each other."""
     given = search.observation.given
-    blur = np.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
+    blur = math.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
     distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]

@@ -298,10 +298,11 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
 
 
 def at_most(points: Float, most: int) -> Float:
-    """Return a fair sample of the points."""
+    """Return a fair sample of the points, in their order: of given points, neighbours stay next to each other."""
     if len(points) <= most:
         return points
-    return np.ascontiguousarray(points[np.random.default_rng(0).choice(len(points), most, replace=False)])
+    chosen = np.random.default_rng(0).choice(len(points), most, replace=False)
+    return np.ascontiguousarray(points[np.sort(chosen)])
 
 
 def as_given(
@@ -444,9 +445,9 @@ def edge_on(scan: Scan, diagonal: float) -> bool:
 def _in_pixels(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, NDArray[np.int32]]:
     """Return range and pixel of a sample of the points, seen from the `origin` (in search units)."""
     rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
-    ranges = np.linalg.norm(rays, axis=1)
-    pixel = HIDING_PIXEL / max(float(np.median(ranges)), LEAST_HIDING_RANGE)
-    directions = rays / np.maximum(ranges, 1e-9)[:, None] / pixel
+    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    pixel = HIDING_PIXEL / max(median(ranges), LEAST_HIDING_RANGE)
+    directions = rays / (pixel * np.maximum(ranges, 1e-9))[:, None]
     return ranges, kernels.voxel_means(np.ascontiguousarray(directions, np.float32), 1.0)[2]
 
 
