@@ -1,0 +1,81 @@
+"""Searches about a configuration whose parts do not fit a frame, or have not been told for a while."""
+
+from __future__ import annotations
+
+import time as clock
+
+import numpy as np
+
+from pwralign_kin.se3 import Array
+from pwralign_kin.tracking.fit import Fit, Usual
+from pwralign_kin.tracking.frame_fitting import FrameFitting
+from pwralign_kin.tracking.joints import Joints
+from pwralign_kin.tracking.motion import Motion
+
+UNEXPLAINED = 0.05
+"""The model as a whole is suspected when so much more of the points than usual is unexplained."""
+
+SWEEP_ROUNDS, SWEPT_DEVIATIONS, LEAST_SWEPT = 2, 2.5, 0.4
+"""Of the search about a suspected configuration: rounds over all variables, and the range of each, in its standard
+deviations and at least (rad; shifts a quarter of it)."""
+
+BETTER, LEAST_GAIN = 0.15, 0.01
+"""What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
+of it at least."""
+
+MOST_WAIT, MOST_VAIN = 16, 3
+"""Frames between two searches that found nothing, at most; the wait doubles. Ranges grow with so many of them."""
+
+
+class Suspicion:
+    """Searches about suspected configurations; the waits between two searches in vain double."""
+
+    def __init__(self, fitting: FrameFitting, joints: Joints) -> None:
+        """Begin with no suspicion."""
+        self._fitting = fitting
+        self._joints = joints
+        self._clear()
+
+    def _clear(self) -> None:
+        self._wait, self._waited, self._vain = 1, 0, 0
+
+    def searched(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
+        """Return what fits a frame better where parts of the model do not fit or have not been seen for a while."""
+        suspected = bool(usual.suspects(fit).any()) or (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED)
+        held = self._joints.free & expected.held
+        if not suspected and not held.any():
+            self._clear()
+            return fit
+        self._waited += 1
+        if self._waited < self._wait or clock.perf_counter() >= limit:
+            return fit
+        ranges = SWEPT_DEVIATIONS * expected.deviations
+        if suspected:
+            least = np.full(len(ranges), LEAST_SWEPT * (1 + self._vain))
+            least[3:6] *= 0.25
+            ranges = np.maximum(ranges, least)
+        else:
+            ranges = np.where(np.r_[np.zeros(6, bool), held], ranges, 0.0)
+        better = self._swept(fit, expected, ranges, usual, limit)
+        if better is not fit:
+            self._clear()
+        else:
+            self._wait, self._waited = min(2 * self._wait, MOST_WAIT), 0
+            self._vain = min(self._vain + 1, MOST_VAIN)
+        return better
+
+    def _swept(self, fit: Fit, expected: Motion, ranges: Array, usual: Usual, limit: float) -> Fit:
+        """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
+        best, against = fit, usual.misfit(fit)
+        least = against - max(LEAST_GAIN, BETTER * (against - usual.misfit(usual)))
+        for T, values in ((fit.T, fit.values), (expected.T, expected.values)):
+            if clock.perf_counter() >= limit:
+                break
+            T, values, gained = self._fitting.swept(T, values, ranges, SWEEP_ROUNDS)
+            if not gained:
+                continue
+            held = expected.held & (ranges[6:] == 0.0)
+            other = self._fitting.fitted(expected, usual, limit, wide=True, start=(T, values), held=held)
+            if usual.misfit(other) < least:
+                best, least = other, usual.misfit(other)
+        return best
