@@ -15,6 +15,7 @@ constexpr int judged_samples = 64;            // per part
 constexpr int swept_samples = 24;             // per part
 constexpr float matched_distance = .02f;      // a point nearer to the model is matched in the last iterations
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
+constexpr float at_rest = .1f;                // a point that costs less with parts at rest is not looked up for others
 constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
 constexpr int most_swept = 48;                // values to either side
 constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
@@ -541,6 +542,46 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
         for (int64_t i = 0; i < points.size; ++i)
             if (distance[i] < close_distance) fits += squared / (squared + distance[i] * distance[i]);
         scores.push_back(float(fits / std::max<int64_t>(points.size, 1)) + sweep_support * surface / total);
+    }
+}
+
+void Tracking::weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,
+                     float *against) {
+    if (count == 0) return;
+    const float squared = tolerance * tolerance;
+    const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
+    for (int p = 0; p < model.parts; ++p)
+        moved[p] = p > 0 && (moved[model.parent[p]] || (model.actuated[p] >= 0 && varied[model.actuated[p]]));
+    place(base, values);
+    const SplitPoints &points = thinner[1];
+    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    Seen resting_surface;
+    for (const Bounds &b : bounds) {
+        if (moved[b.part]) continue;
+        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+        resting_surface.add(seen_of(b.part, judged_samples));
+    }
+    float settled_cost = 0;
+    resting.clear(), loose.clear();
+    for (int64_t i = 0; i < points.size; ++i) {
+        const float own = cost_at(distance[i]);
+        if (own < at_rest) settled_cost += own;
+        else resting.push_back(distance[i]), loose.push({points.x[i], points.y[i], points.z[i]});
+    }
+    resting.resize(resting.size() + lane_count, close_distance);
+    for (int64_t row = 0; row < count; ++row) {
+        place(base, values + row * model.joints);
+        std::copy(resting.begin(), resting.end(), distance.begin());
+        Seen surface = resting_surface;
+        for (const Bounds &b : bounds) {
+            if (!moved[b.part]) continue;
+            offer_part(model.surface[b.part], b.part, F[b.part], loose, distance.data(), owner.data(), sample.data(), close);
+            surface.add(seen_of(b.part, judged_samples));
+        }
+        float cost = settled_cost;
+        for (int64_t i = 0; i < loose.size; ++i) cost += cost_at(distance[i]);
+        const float visible = surface.facing - surface.hidden;
+        against[row] = cost / std::max<int64_t>(points.size, 1) + 1 - (visible > 0 ? surface.shown / visible : 0);
     }
 }
 

@@ -93,6 +93,12 @@ class Tracking {
     void sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
                std::vector<double> &changes, std::vector<float> &scores);
 
+    // What speaks against each of `count` rows of joint values, from 0 to 2: the robust mean square of the points'
+    // distances at the scale `tolerance`, and the share of the visible surface that the frame does not show. The rows
+    // differ in joints that are `varied` only.
+    void weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,
+               float *against);
+
     const Articulated &model;
     std::vector<Vec> kept;                // the points of the frame that are used
     std::vector<double> information;      // (6 + joints)^2 of the last iteration of `fit`, the belief included
@@ -119,6 +125,7 @@ class Tracking {
     void solve(const double *values, const uint8_t *held);
     struct Seen { // weights of a part's surface
         float facing = 0, hidden = 0, shown = 0;
+        void add(const Seen &other) { facing += other.facing, hidden += other.hidden, shown += other.shown; }
     };
     Seen seen_of(int part, int samples) const;
     void change(const Rigid &base, const double *values, int variable, double by);
@@ -150,6 +157,7 @@ class Tracking {
     };
     std::vector<Vec> candidates;
     std::vector<Sum> sums; // of the candidates of each cell
+    SplitPoints loose;                  // points that parts at rest do not explain
     std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
     std::vector<float> ordered, resting;
     std::vector<float> distance;        // of the points assigned last from the nearest part, ...

@@ -158,6 +158,9 @@ class Tracker:
             return Fit(expected.T, expected.values)
         self._fitting.look(frame, expected)
         fit = self._fitting.fitted(expected, usual, limit)
+        if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
+            start_from = (self._fitting.inward(fit.T), fit.values)
+            fit = self._fitting.fitted(expected, usual, limit, start=start_from)
         freed = expected.held & ~self._joints.untold(fit, expected)
         if freed.any():
             fit = self._freed(fit, expected, freed, limit)
