@@ -38,6 +38,8 @@ class Joints:
     """Range of joints that wrap, else infinite."""
     free: NDArray[np.bool_]
     """Those that are not locked."""
+    moves: NDArray[np.bool_]
+    """(k, k) whether the first of two moves the second, each itself too."""
 
     @classmethod
     def of(cls, model: ArticulatedModel, locked: Sequence[str]) -> Joints:
@@ -45,7 +47,7 @@ class Joints:
         unit = model.joint_scales
         lower, upper = model.lower / unit, model.upper / unit
         turns = np.where(model.continuous, upper - lower, np.inf)
-        return cls(unit, lower, upper, turns, ~np.isin(model.joint_names, locked))
+        return cls(unit, lower, upper, turns, ~np.isin(model.joint_names, locked), _moves(model))
 
     @property
     def most_doubt(self) -> Array:
@@ -67,6 +69,11 @@ class Joints:
         apart = np.abs(values - others)
         return np.minimum(apart, np.abs(self.turns - apart))
 
+    def chains(self, among: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+        """Return some joints as chains (k,): each that moves no other of them, with those that move it."""
+        moved = (self.moves & among).sum(axis=1)
+        return [among & self.moves[:, joint] for joint in np.flatnonzero(among & (moved == 1))]
+
     def untold(self, fit: Fit, expected: Motion) -> NDArray[np.bool_]:
         """Return the joints (k,) that a frame does not tell; those that are locked need not be told."""
         if not fit.iterations:
@@ -74,3 +81,14 @@ class Joints:
         variance = np.diag(fit.covariance)[6:]
         told = (variance < (1.0 - TOLD) * np.diag(expected.covariance)[6:]) | (variance < UNDETERMINED**2)
         return np.asarray(self.free & ~(told & (variance < VAGUE**2)))
+
+
+def _moves(model: ArticulatedModel) -> NDArray[np.bool_]:
+    moves = np.eye(len(model.joint_names), dtype=bool)
+    for part in model.parts:  # parents come first
+        if part.joint is None:
+            continue
+        above = model.parts[part.parent]
+        if above.joint is not None:
+            moves[:, part.joint.actuated] |= moves[:, above.joint.actuated]
+    return moves

@@ -41,21 +41,15 @@ class Suspicion:
 
     def searched(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
         """Return what fits a frame better where parts of the model do not fit or have not been seen for a while."""
-        suspected = bool(usual.suspects(fit).any()) or (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED)
-        held = self._joints.free & expected.held
-        if not suspected and not held.any():
+        if not usual.suspects(fit).any() and not (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED):
             self._clear()
             return fit
         self._waited += 1
         if self._waited < self._wait or clock.perf_counter() >= limit:
             return fit
-        ranges = SWEPT_DEVIATIONS * expected.deviations
-        if suspected:
-            least = np.full(len(ranges), LEAST_SWEPT * (1 + self._vain))
-            least[3:6] *= 0.25
-            ranges = np.maximum(ranges, least)
-        else:
-            ranges = np.where(np.r_[np.zeros(6, bool), held], ranges, 0.0)
+        least = np.full(len(expected.deviations), LEAST_SWEPT * (1 + self._vain))
+        least[3:6] *= 0.25
+        ranges = np.maximum(SWEPT_DEVIATIONS * expected.deviations, least)
         better = self._swept(fit, expected, ranges, usual, limit)
         if better is not fit:
             self._clear()

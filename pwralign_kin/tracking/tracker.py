@@ -159,8 +159,8 @@ class Tracker:
         self._fitting.look(frame, expected)
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
-            start_from = (self._fitting.inward(fit.T), fit.values)
-            fit = self._fitting.fitted(expected, usual, limit, start=start_from)
+            reached = (self._fitting.inward(fit.T), fit.values)
+            fit = self._fitting.fitted(expected, usual, limit, start=reached)
         freed = expected.held & ~self._joints.untold(fit, expected)
         if freed.any():
             fit = self._freed(fit, expected, freed, limit)
