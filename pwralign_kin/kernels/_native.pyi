@@ -376,6 +376,9 @@ class Tracking:
     def visible(self) -> NDArray[np.float32]: ...
     @property
     def shown(self) -> NDArray[np.float32]: ...
+    def own(
+        self, base: NDArray[np.float64], values: NDArray[np.float64], tolerance: float
+    ) -> NDArray[np.float32]: ...
     def weigh(
         self,
         base: NDArray[np.float64],

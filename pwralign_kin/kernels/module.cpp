@@ -705,6 +705,15 @@ void bind_tracking(nb::module_ &m) {
         .def_prop_ro("strays", [](const Tracking &self) { return to_numpy(std::vector<float>(self.strays)); }, nb::rv_policy::move)
         .def_prop_ro("visible", [](const Tracking &self) { return to_numpy(std::vector<float>(self.visible)); }, nb::rv_policy::move)
         .def_prop_ro("shown", [](const Tracking &self) { return to_numpy(std::vector<float>(self.shown)); }, nb::rv_policy::move)
+        .def("own", [](Tracking &self, Placements base, Doubles values, float tolerance) {
+            require(base.shape(0) == 1 && int(values.size()) == self.model.joints && tolerance > 0, "one base, one value per joint and a tolerance are needed");
+            std::vector<float> points;
+            {
+                nb::gil_scoped_release release;
+                self.own(read_placement(base.data()), values.data(), tolerance, points);
+            }
+            return to_numpy(std::move(points));
+        }, "base"_a, "values"_a, "tolerance"_a)
         .def("weigh", [](Tracking &self, Placements base, Matrix values, Bytes varied, float tolerance) {
             require(base.shape(0) == 1 && int(values.shape(1)) == self.model.joints && int(varied.size()) == self.model.joints && tolerance > 0, "one base, one value per joint in each row and a tolerance are needed");
             std::vector<float> against(values.shape(0));

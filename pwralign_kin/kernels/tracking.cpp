@@ -59,6 +59,10 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
     reduced.resize(size * size), stopped.resize(model.joints);
     explained.resize(model.parts), strays.resize(model.parts), visible.resize(model.parts), shown.resize(model.parts);
     moved.resize(model.parts), levers.resize(model.joints), moved_weight.resize(model.joints);
+    moves.assign(size_t(model.joints) * model.parts, 0);
+    for (int j = 0; j < model.joints; ++j)
+        for (int p = 1; p < model.parts; ++p)
+            moves[j * model.parts + p] = model.actuated[p] == j || moves[j * model.parts + model.parent[p]];
     seen_below.resize(model.parts), moved_parts.resize(model.joints);
 }
 
@@ -543,6 +547,35 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
             if (distance[i] < close_distance) fits += squared / (squared + distance[i] * distance[i]);
         scores.push_back(float(fits / std::max<int64_t>(points.size, 1)) + sweep_support * surface / total);
     }
+}
+
+void Tracking::own(const Rigid &base, const double *values, float tolerance, std::vector<float> &own) {
+    place(base, values);
+    const SplitPoints &points = thinner[1];
+    const int64_t stride = points.size + lane_count, parts = int64_t(bounds.size());
+    const float squared = tolerance * tolerance;
+    const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
+    each.assign(parts * stride, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    for (int64_t b = 0; b < parts; ++b)
+        offer_part(model.surface[bounds[b].part], int(b), F[bounds[b].part], points, &each[b * stride], owner.data(), sample.data(), close);
+    own.assign(model.joints, 0);
+    for (int64_t i = 0; i < points.size; ++i) {
+        int64_t nearest = 0;
+        for (int64_t b = 1; b < parts; ++b)
+            if (each[b * stride + i] < each[nearest * stride + i]) nearest = b;
+        const float cost = cost_at(each[nearest * stride + i]);
+        if (cost >= 1) continue;
+        for (int p = bounds[nearest].part; p > 0; p = model.parent[p]) {
+            const int j = model.actuated[p];
+            if (j < 0 || moves[j * model.parts + model.parent[p]]) continue; // a joint that mimics it comes before
+            float others = close_distance;
+            for (int64_t b = 0; b < parts; ++b)
+                if (!moves[j * model.parts + bounds[b].part]) others = std::min(others, each[b * stride + i]);
+            own[j] += cost_at(others) - cost;
+        }
+    }
+    const float share = points.size > 0 ? float(kept.size()) / points.size : 0;
+    for (float &some : own) some *= share;
 }
 
 void Tracking::weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,

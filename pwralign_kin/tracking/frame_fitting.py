@@ -42,10 +42,11 @@ class FrameFitting:
         self.native = native
         self.diagonal = diagonal
         self.options = options
-        self.centre, self.viewed = np.zeros(3), False
+        self.centre, self.viewed, self.wary = np.zeros(3), False, False
 
-    def look(self, frame: Frame, expected: Motion) -> None:
-        """Look at a frame around an expected configuration."""
+    def look(self, frame: Frame, expected: Motion, *, wary: bool = False) -> None:
+        """Look at a frame around an expected configuration, if `wary` also at what tells parts from each other."""
+        self.wary = wary
         native = self.native
         self.centre = expected.T[:3, 3].copy()
         margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
@@ -129,6 +130,7 @@ class FrameFitting:
         strays, missing = self._part_misfits()
         if not self.viewed:  # what is in front of the model, or behind it, cannot be told
             agreement = coverage
+        owned = np.asarray(native.own(T[None], fitted, tolerance), float) if self.wary else None
         T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
         return Fit(
             T=T,
@@ -146,6 +148,7 @@ class FrameFitting:
             missing=missing,
             covariance=covariance,
             levers=levers,
+            owned=owned,
         )
 
     def _part_misfits(self) -> tuple[Array, Array]:

@@ -156,7 +156,7 @@ class Tracker:
         usual = self._usual
         if usual is None:
             return Fit(expected.T, expected.values)
-        self._fitting.look(frame, expected)
+        self._fitting.look(frame, expected, wary=self._trials.active or bool(expected.held.any()))
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
             reached = (self._fitting.inward(fit.T), fit.values)

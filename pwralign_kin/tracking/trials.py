@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.se3 import Array
-from pwralign_kin.tracking.fit import Fit, Usual
+from pwralign_kin.tracking.fit import EVIDENT, Fit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.motion import Motion
@@ -30,9 +30,6 @@ REACHED = 2.5
 ROUNDS = ((1.0, 0.03), (0.3, 0.015), (0.1, 0.0))
 """Share of the range that is drawn from, and tolerance of points (model diagonals; 0: the usual one)."""
 
-EVIDENT = 3.0
-"""Points by which one of two fits must do better to be the right one for sure."""
-
 
 class Trials:
     """Tries other values of joints that come back or stay away, and doubts them until it is clear."""
@@ -50,6 +47,11 @@ class Trials:
         self._spread, self.apart = np.zeros(count), np.zeros(count)
         self._passed, self._waited = np.zeros(count, int), np.zeros(count, int)
         self._drawn = 0
+
+    @property
+    def active(self) -> bool:
+        """Whether any joint is on trial."""
+        return bool((self._spread > 0.0).any())
 
     def tried(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
         """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
