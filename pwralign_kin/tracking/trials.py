@@ -43,8 +43,9 @@ class Trials:
     def clear(self) -> None:
         """End all trials: a search has told all joints."""
         count = len(self._joints.unit)
-        # Largest deviations of joints on trial (else 0), and how far values are apart that fit as well.
-        self._spread, self.apart = np.zeros(count), np.zeros(count)
+        # Largest deviations of joints on trial (else 0), how far values are apart that fit as well, the same or, of
+        # joints on trial that are not told, the deviation.
+        self._spread, self._alike, self.apart = np.zeros(count), np.zeros(count), np.zeros(count)
         self._passed, self._waited = np.zeros(count, int), np.zeros(count, int)
         self._drawn = 0
 
@@ -59,69 +60,81 @@ class Trials:
         far = self._joints.free & expected.held & (doubt > NEAR)
         back = far & ~untold
         self._spread = np.where(far, np.maximum(doubt, self._spread), self._spread)
-        self.apart = np.where(back, self._spread, self.apart)
+        self._alike = np.where(back, self._spread, self._alike)
         self._passed[back] = 0
         on_trial = self._spread > 0.0
         self._waited[on_trial] += 1
         due = on_trial & ((self._waited >= np.minimum(2**self._passed, MOST_WAIT)) | usual.doubts(fit))
         chains = [chain for chain in self._joints.chains(on_trial) if (chain & due).any()]
-        if not chains or clock.perf_counter() >= limit:
-            return fit
-        chain = max(chains, key=lambda chain: int(self._waited[chain].max()))
-        fits = [fit, *self._others(fit, expected, chain, usual, limit)]
-        if clock.perf_counter() >= limit:
-            return fit  # what is cut short tells nothing
-        best = min(fits, key=lambda other: other.against)
-        if best.against > fit.against - EVIDENT:
-            best = fit
-        self._judge(fits, best, chain, chain & ~self._joints.untold(best, expected), doubted=usual.doubts(best))
-        return best
+        if chains:
+            chain = max(chains, key=lambda chain: int(self._waited[chain].max()))
+            fit = self._best(fit, expected, chain, usual, limit)
+        hidden = (self._spread > 0.0) & self._joints.untold(fit, expected)
+        self.apart = np.where(hidden, self._spread, self._alike)
+        return fit
 
-    def _judge(
-        self, fits: list[Fit], best: Fit, chain: NDArray[np.bool_], told: NDArray[np.bool_], *, doubted: bool
-    ) -> None:
-        """Note how clear the values of a chain are after a trial, of whose joints the best fit tells some."""
-        self._waited[chain] = 0
-        self._passed[chain] += not doubted
-        near = np.array([other.values for other in fits if other.against < best.against + EVIDENT])
-        apart = self._joints.apart(near, best.values).max(axis=0)
-        doubtful = doubted | (self._passed < BELIEVED)
-        apart = np.where(doubtful, np.maximum(apart, self._spread), apart)
-        self.apart = np.where(told, apart, self.apart)
-        ended = told & (self._passed >= TRIALS)
-        self._spread[ended], self._passed[ended] = 0.0, 0
-
-    def _others(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> list[Fit]:
-        """Return fits from the best of many values of a chain (k,), all other variables as they are."""
-        starts = self._likely(fit, chain, usual)
+    def _best(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
+        """Return the best fit about values of a chain (k,), and note how clear it is."""
+        untold = self._joints.untold(fit, expected)
+        drawn, against = self._drawn_about(fit, chain, untold, usual)
         doubt = np.where(chain, self._spread, 0.0)
         loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
-        held = expected.held & self._joints.untold(fit, expected) & ~chain
-        T = self._fitting.inward(fit.T)
-        return [
-            self._fitting.fitted(loose, usual, limit, start=(T, start), held=held)
-            for start in starts
-            if clock.perf_counter() < limit
-        ]
+        T, held = self._fitting.inward(fit.T), expected.held & untold & ~chain
+        fits = [fit]
+        for values in drawn[:FITTED]:
+            if clock.perf_counter() >= limit:
+                return fit  # what is cut short tells nothing
+            fits.append(self._fitting.fitted(loose, usual, limit, start=(T, values), held=held))
+        surprises = [self._surprise(other.values, fit, chain & untold) for other in fits]
+        against = np.r_[[other.against for other in fits] + np.array(surprises), against]
+        first = int(np.argmin(against[: len(fits)]))
+        best = fits[first] if against[first] < against[0] - EVIDENT else fit
+        near = np.array([*(other.values for other in fits), *drawn])[against < against[first] + EVIDENT]
+        told = chain & ~self._joints.untold(best, expected)
+        self._note(self._joints.apart(near, best.values).max(axis=0), chain, told, doubted=usual.doubts(best))
+        return best
 
-    def _likely(self, fit: Fit, chain: NDArray[np.bool_], usual: Usual) -> Array:
-        """Return the values (FITTED, k) of a chain that least speaks against, drawn ever closer about the best."""
+    def _note(self, alike: Array, chain: NDArray[np.bool_], told: NDArray[np.bool_], *, doubted: bool) -> None:
+        """Note after a trial of a chain how far values are apart that fit as well, and end what is clear."""
+        self._waited[chain] = 0
+        self._passed[chain] += not doubted
+        doubtful = doubted | (self._passed < BELIEVED)
+        alike = np.where(doubtful, np.maximum(alike, self._spread), alike)
+        self._alike = np.where(told, alike, self._alike)
+        # What is seen of a joint's parts tells it only together with the joints that move it.
+        ended = told & (self._passed >= TRIALS)
+        others = (self._spread > 0.0) & ~ended
+        ended &= ~(self._joints.moves & others[:, None]).any(axis=0)
+        self._spread[ended], self._passed[ended] = 0.0, 0
+
+    def _surprise(self, values: Array, fit: Fit, among: NDArray[np.bool_]) -> Array:
+        """Return what speaks against values (..., k) that are far from where joints were told last, in points."""
+        far = self._joints.apart(values, fit.values)[..., among] / self._spread[among]
+        return np.asarray(np.square(far).sum(axis=-1))
+
+    def _drawn_about(
+        self, fit: Fit, chain: NDArray[np.bool_], untold: NDArray[np.bool_], usual: Usual
+    ) -> tuple[Array, Array]:
+        """Return values (n, k) of a chain drawn ever closer about the best, the best first, and what speaks against."""
         joints, reach = self._joints, REACHED * self._spread[chain]
         bounded = np.isinf(joints.turns[chain])
         low, high = fit.values[chain] - reach, fit.values[chain] + reach
         low = np.where(bounded, np.maximum(low, joints.lower[chain]), low)
         high = np.where(bounded, np.minimum(high, joints.upper[chain]), high)
-        best = fit.values[None]
-        middle = (low + high) / 2.0
+        rows, against = fit.values[None], np.zeros(1)
+        about = (low + high)[None] / 2.0
         for share, tolerance in ROUNDS:
-            drawn = self._spaced(DRAWN // len(best), len(reach)) - 0.5
-            rows = np.repeat(best, len(drawn), axis=0)
-            about = np.repeat(middle[None] if share == 1.0 else best[:, chain], len(drawn), axis=0)
-            rows[:, chain] = about + share * (high - low) * np.tile(drawn, (len(best), 1))
+            best = rows[:KEPT]
+            drawn = share * (high - low) * (self._spaced(DRAWN // len(about), len(reach)) - 0.5)
+            rows = np.repeat(fit.values[None], len(about) * len(drawn), axis=0)
+            rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
             rows = np.concatenate([best, joints.within(rows)])
             against = self._fitting.weighed(fit.T, rows, chain, max(tolerance, usual.tolerance))
-            best = rows[np.argsort(against, kind="stable")[:KEPT]]
-        return best[:FITTED]
+            against += self._surprise(rows, fit, chain & untold)
+            order = np.argsort(against, kind="stable")
+            rows, against = rows[order], against[order]
+            about = rows[:KEPT, chain]
+        return rows, against
 
     def _spaced(self, count: int, size: int) -> Array:
         """Return the next points (count, size) of a sequence that fills the unit cube evenly.
