@@ -1,4 +1,4 @@
-"""Searches about a configuration whose parts do not fit a frame, or have not been told for a while."""
+"""Searches about a configuration whose parts do not fit a frame."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Suspicion:
         self._wait, self._waited, self._vain = 1, 0, 0
 
     def searched(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
-        """Return what fits a frame better where parts of the model do not fit or have not been seen for a while."""
+        """Return what fits a frame better where parts of the model do not fit."""
         if not usual.suspects(fit).any() and not (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED):
             self._clear()
             return fit
@@ -68,8 +68,8 @@ class Suspicion:
             T, values, gained = self._fitting.swept(T, values, ranges, SWEEP_ROUNDS)
             if not gained:
                 continue
-            held = expected.held & (ranges[6:] == 0.0)
-            other = self._fitting.fitted(expected, usual, limit, wide=True, start=(T, values), held=held)
+            nothing = np.zeros_like(expected.held)
+            other = self._fitting.fitted(expected, usual, limit, wide=True, start=(T, values), held=nothing)
             if usual.misfit(other) < least:
                 best, least = other, usual.misfit(other)
         return best

@@ -75,21 +75,20 @@ class Trials:
 
     def _best(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
-        untold = self._joints.untold(fit, expected)
-        drawn, against = self._drawn_about(fit, chain, untold, usual)
+        drawn, against = self._drawn_about(fit, chain, usual)
         doubt = np.where(chain, self._spread, 0.0)
         loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
-        T, held = self._fitting.inward(fit.T), expected.held & untold & ~chain
+        T, held = self._fitting.inward(fit.T), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
         for values in drawn[:FITTED]:
             if clock.perf_counter() >= limit:
                 return fit  # what is cut short tells nothing
             fits.append(self._fitting.fitted(loose, usual, limit, start=(T, values), held=held))
-        surprises = [self._surprise(other.values, fit, chain & untold) for other in fits]
-        against = np.r_[[other.against for other in fits] + np.array(surprises), against]
-        first = int(np.argmin(against[: len(fits)]))
-        best = fits[first] if against[first] < against[0] - EVIDENT else fit
-        near = np.array([*(other.values for other in fits), *drawn])[against < against[first] + EVIDENT]
+        fitted = np.array([other.values for other in fits])
+        against_fits = np.array([other.against for other in fits]) + self._surprise(fitted, fit, chain)
+        first = int(np.argmin(against_fits))
+        best = fits[first] if against_fits[first] < fit.against - EVIDENT else fit
+        near = np.r_[fitted, drawn][np.r_[against_fits, against] < against_fits[first] + EVIDENT]
         told = chain & ~self._joints.untold(best, expected)
         self._note(self._joints.apart(near, best.values).max(axis=0), chain, told, doubted=usual.doubts(best))
         return best
@@ -107,14 +106,12 @@ class Trials:
         ended &= ~(self._joints.moves & others[:, None]).any(axis=0)
         self._spread[ended], self._passed[ended] = 0.0, 0
 
-    def _surprise(self, values: Array, fit: Fit, among: NDArray[np.bool_]) -> Array:
-        """Return what speaks against values (..., k) that are far from where joints were told last, in points."""
-        far = self._joints.apart(values, fit.values)[..., among] / self._spread[among]
+    def _surprise(self, values: Array, fit: Fit, chain: NDArray[np.bool_]) -> Array:
+        """Return what speaks against values (..., k) of a chain that are far from those of a fit, in points."""
+        far = self._joints.apart(values, fit.values)[..., chain] / self._spread[chain]
         return np.asarray(np.square(far).sum(axis=-1))
 
-    def _drawn_about(
-        self, fit: Fit, chain: NDArray[np.bool_], untold: NDArray[np.bool_], usual: Usual
-    ) -> tuple[Array, Array]:
+    def _drawn_about(self, fit: Fit, chain: NDArray[np.bool_], usual: Usual) -> tuple[Array, Array]:
         """Return values (n, k) of a chain drawn ever closer about the best, the best first, and what speaks against."""
         joints, reach = self._joints, REACHED * self._spread[chain]
         bounded = np.isinf(joints.turns[chain])
@@ -130,7 +127,7 @@ class Trials:
             rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
             rows = np.concatenate([best, joints.within(rows)])
             against = self._fitting.weighed(fit.T, rows, chain, max(tolerance, usual.tolerance))
-            against += self._surprise(rows, fit, chain & untold)
+            against += self._surprise(rows, fit, chain)
             order = np.argsort(against, kind="stable")
             rows, against = rows[order], against[order]
             about = rows[:KEPT, chain]
