@@ -17,9 +17,8 @@ from pwralign_kin.tracking.motion import Motion
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
-TRIALS, BELIEVED, MOST_WAIT = 5, 2, 16
-"""So many trials of a joint, after waits that double up to so many frames; after so many without doubt it is
-believed."""
+TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 4
+"""So many trials of a joint end them, after so many it is believed, and waits between them double so often."""
 
 DRAWN, KEPT, FITTED = 64, 4, 2
 """So many values of a chain are drawn at a time, so many of the best are drawn about again, and so many are fitted."""
@@ -56,15 +55,17 @@ class Trials:
 
     def tried(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
         """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
-        untold, doubt = self._joints.untold(fit, expected), expected.deviations[6:]
+        doubt = expected.deviations[6:]
         far = self._joints.free & expected.held & (doubt > NEAR)
-        back = far & ~untold
+        if not self.active and not far.any():
+            return fit
+        back = far & ~self._joints.untold(fit, expected)
         self._spread = np.where(far, np.maximum(doubt, self._spread), self._spread)
         self._alike = np.where(back, self._spread, self._alike)
         self._passed[back] = 0
         on_trial = self._spread > 0.0
         self._waited[on_trial] += 1
-        due = on_trial & ((self._waited >= np.minimum(2**self._passed, MOST_WAIT)) | usual.doubts(fit))
+        due = on_trial & ((self._waited >= 2 ** np.minimum(self._passed, MOST_DOUBLED)) | usual.doubts(fit))
         chains = [chain for chain in self._joints.chains(on_trial) if (chain & due).any()]
         if chains:
             chain = max(chains, key=lambda chain: int(self._waited[chain].max()))
