@@ -76,12 +76,12 @@ class Trials:
 
     def _best(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
-        drawn, against = self._drawn_about(fit, chain, usual)
+        drawn, against, own = self._drawn_about(fit, chain, usual)
         doubt = np.where(chain, self._spread, 0.0)
         loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
         T, held = self._fitting.inward(fit.T), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
-        for values in drawn[:FITTED]:
+        for values in drawn[against < own][:FITTED]:
             if clock.perf_counter() >= limit:
                 return fit  # what is cut short tells nothing
             fits.append(self._fitting.fitted(loose, usual, limit, start=(T, values), held=held))
@@ -112,27 +112,30 @@ class Trials:
         far = self._joints.apart(values, fit.values)[..., chain] / self._spread[chain]
         return np.asarray(np.square(far).sum(axis=-1))
 
-    def _drawn_about(self, fit: Fit, chain: NDArray[np.bool_], usual: Usual) -> tuple[Array, Array]:
-        """Return values (n, k) of a chain drawn ever closer about the best, the best first, and what speaks against."""
+    def _drawn_about(self, fit: Fit, chain: NDArray[np.bool_], usual: Usual) -> tuple[Array, Array, float]:
+        """Return values (n, k) of a chain drawn ever closer about the best, the best first.
+
+        Then what speaks against them (n,), and against those of the fit.
+        """
         joints, reach = self._joints, REACHED * self._spread[chain]
         bounded = np.isinf(joints.turns[chain])
         low, high = fit.values[chain] - reach, fit.values[chain] + reach
         low = np.where(bounded, np.maximum(low, joints.lower[chain]), low)
         high = np.where(bounded, np.minimum(high, joints.upper[chain]), high)
-        rows, against = fit.values[None], np.zeros(1)
+        rows, against, own = fit.values[None], np.zeros(1), 0.0
         about = (low + high)[None] / 2.0
         for share, tolerance in ROUNDS:
             best = rows[:KEPT]
             drawn = share * (high - low) * (self._spaced(DRAWN // len(about), len(reach)) - 0.5)
             rows = np.repeat(fit.values[None], len(about) * len(drawn), axis=0)
             rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
-            rows = np.concatenate([best, joints.within(rows)])
+            rows = np.concatenate([fit.values[None], best, joints.within(rows)])
             against = self._fitting.weighed(fit.T, rows, chain, max(tolerance, usual.tolerance))
             against += self._surprise(rows, fit, chain)
-            order = np.argsort(against, kind="stable")
+            own, order = float(against[0]), np.argsort(against, kind="stable")
             rows, against = rows[order], against[order]
             about = rows[:KEPT, chain]
-        return rows, against
+        return rows, against, own
 
     def _spaced(self, count: int, size: int) -> Array:
         """Return the next points (count, size) of a sequence that fills the unit cube evenly.
