@@ -376,6 +376,16 @@ class Tracking:
     def visible(self) -> NDArray[np.float32]: ...
     @property
     def shown(self) -> NDArray[np.float32]: ...
+    def own(
+        self, base: NDArray[np.float64], values: NDArray[np.float64], tolerance: float
+    ) -> NDArray[np.float32]: ...
+    def weigh(
+        self,
+        base: NDArray[np.float64],
+        values: NDArray[np.float64],
+        varied: NDArray[np.uint8],
+        tolerance: float,
+    ) -> NDArray[np.float32]: ...
     def sweep(
         self, base: NDArray[np.float64], values: NDArray[np.float64], variable: int, range: float, sigma: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]: ...

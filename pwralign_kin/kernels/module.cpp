@@ -705,6 +705,24 @@ void bind_tracking(nb::module_ &m) {
         .def_prop_ro("strays", [](const Tracking &self) { return to_numpy(std::vector<float>(self.strays)); }, nb::rv_policy::move)
         .def_prop_ro("visible", [](const Tracking &self) { return to_numpy(std::vector<float>(self.visible)); }, nb::rv_policy::move)
         .def_prop_ro("shown", [](const Tracking &self) { return to_numpy(std::vector<float>(self.shown)); }, nb::rv_policy::move)
+        .def("own", [](Tracking &self, Placements base, Doubles values, float tolerance) {
+            require(base.shape(0) == 1 && int(values.size()) == self.model.joints && tolerance > 0, "one base, one value per joint and a tolerance are needed");
+            std::vector<float> points;
+            {
+                nb::gil_scoped_release release;
+                self.own(read_placement(base.data()), values.data(), tolerance, points);
+            }
+            return to_numpy(std::move(points));
+        }, "base"_a, "values"_a, "tolerance"_a)
+        .def("weigh", [](Tracking &self, Placements base, Matrix values, Bytes varied, float tolerance) {
+            require(base.shape(0) == 1 && int(values.shape(1)) == self.model.joints && int(varied.size()) == self.model.joints && tolerance > 0, "one base, one value per joint in each row and a tolerance are needed");
+            std::vector<float> against(values.shape(0));
+            {
+                nb::gil_scoped_release release;
+                self.weigh(read_placement(base.data()), values.data(), int64_t(values.shape(0)), varied.data(), tolerance, against.data());
+            }
+            return to_numpy(std::move(against));
+        }, "base"_a, "values"_a, "varied"_a, "tolerance"_a)
         .def("sweep", [](Tracking &self, Placements base, Doubles values, int variable, double range, float sigma) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints && variable >= 0 && variable < 6 + self.model.joints, "one base, one value per joint and one of these variables are needed");
             std::vector<double> changes;

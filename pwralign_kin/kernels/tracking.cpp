@@ -15,6 +15,7 @@ constexpr int judged_samples = 64;            // per part
 constexpr int swept_samples = 24;             // per part
 constexpr float matched_distance = .02f;      // a point nearer to the model is matched in the last iterations
 constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
+constexpr float at_rest = .1f;                // a point that costs less with parts at rest is not looked up for others
 constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
 constexpr int most_swept = 48;                // values to either side
 constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
@@ -58,6 +59,10 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
     reduced.resize(size * size), stopped.resize(model.joints);
     explained.resize(model.parts), strays.resize(model.parts), visible.resize(model.parts), shown.resize(model.parts);
     moved.resize(model.parts), levers.resize(model.joints), moved_weight.resize(model.joints);
+    moves.assign(size_t(model.joints) * model.parts, 0);
+    for (int j = 0; j < model.joints; ++j)
+        for (int p = 1; p < model.parts; ++p)
+            moves[j * model.parts + p] = model.actuated[p] == j || moves[j * model.parts + model.parent[p]];
     seen_below.resize(model.parts), moved_parts.resize(model.joints);
 }
 
@@ -541,6 +546,75 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
         for (int64_t i = 0; i < points.size; ++i)
             if (distance[i] < close_distance) fits += squared / (squared + distance[i] * distance[i]);
         scores.push_back(float(fits / std::max<int64_t>(points.size, 1)) + sweep_support * surface / total);
+    }
+}
+
+void Tracking::own(const Rigid &base, const double *values, float tolerance, std::vector<float> &own) {
+    place(base, values);
+    const SplitPoints &points = thinner[1];
+    const int64_t stride = points.size + lane_count, parts = int64_t(bounds.size());
+    const float squared = tolerance * tolerance;
+    const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
+    each.assign(parts * stride, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    for (int64_t b = 0; b < parts; ++b)
+        offer_part(model.surface[bounds[b].part], int(b), F[bounds[b].part], points, &each[b * stride], owner.data(), sample.data(), close);
+    own.assign(model.joints, 0);
+    for (int64_t i = 0; i < points.size; ++i) {
+        int64_t nearest = 0;
+        for (int64_t b = 1; b < parts; ++b)
+            if (each[b * stride + i] < each[nearest * stride + i]) nearest = b;
+        const float cost = cost_at(each[nearest * stride + i]);
+        if (cost >= 1) continue;
+        for (int p = bounds[nearest].part; p > 0; p = model.parent[p]) {
+            const int j = model.actuated[p];
+            if (j < 0 || moves[j * model.parts + model.parent[p]]) continue; // a joint that mimics it comes before
+            float others = close_distance;
+            for (int64_t b = 0; b < parts; ++b)
+                if (!moves[j * model.parts + bounds[b].part]) others = std::min(others, each[b * stride + i]);
+            own[j] += cost_at(others) - cost;
+        }
+    }
+    const float share = points.size > 0 ? float(kept.size()) / points.size : 0;
+    for (float &some : own) some *= share;
+}
+
+void Tracking::weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,
+                     float *against) {
+    if (count == 0) return;
+    const float squared = tolerance * tolerance;
+    const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
+    for (int p = 0; p < model.parts; ++p)
+        moved[p] = p > 0 && (moved[model.parent[p]] || (model.actuated[p] >= 0 && varied[model.actuated[p]]));
+    place(base, values);
+    const SplitPoints &points = thinner[1];
+    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    Seen resting_surface;
+    for (const Bounds &b : bounds) {
+        if (moved[b.part]) continue;
+        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+        resting_surface.add(seen_of(b.part, judged_samples));
+    }
+    float settled_cost = 0;
+    resting.clear(), loose.clear();
+    for (int64_t i = 0; i < points.size; ++i) {
+        const float own = cost_at(distance[i]);
+        if (own < at_rest) settled_cost += own;
+        else resting.push_back(distance[i]), loose.push({points.x[i], points.y[i], points.z[i]});
+    }
+    resting.resize(resting.size() + lane_count, close_distance);
+    for (int64_t row = 0; row < count; ++row) {
+        place(base, values + row * model.joints);
+        std::copy(resting.begin(), resting.end(), distance.begin());
+        Seen surface = resting_surface;
+        for (const Bounds &b : bounds) {
+            if (!moved[b.part]) continue;
+            offer_part(model.surface[b.part], b.part, F[b.part], loose, distance.data(), owner.data(), sample.data(), close);
+            surface.add(seen_of(b.part, judged_samples));
+        }
+        float cost = settled_cost;
+        for (int64_t i = 0; i < loose.size; ++i) cost += cost_at(distance[i]);
+        const float visible = surface.facing - surface.hidden;
+        against[row] = cost / std::max<int64_t>(points.size, 1) + 1 - (visible > 0 ? surface.shown / visible : 0);
     }
 }
 

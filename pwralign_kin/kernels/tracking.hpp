@@ -89,9 +89,18 @@ class Tracking {
     // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
     // `explained` and the following.
     TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);
+    // Points that the parts which a joint moves explain better than the rest of the model does, for each joint, in points
+    // of the frame. Parts that share the points of others, behind them or inside them, are not seen by those.
+    void own(const Rigid &base, const double *values, float tolerance, std::vector<float> &points);
     // Score changes of one variable (rotation vector and shift of the base, then joints) up to `range` to either side.
     void sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
                std::vector<double> &changes, std::vector<float> &scores);
+
+    // What speaks against each of `count` rows of joint values, from 0 to 2: the robust mean square of the points'
+    // distances at the scale `tolerance`, and the share of the visible surface that the frame does not show. The rows
+    // differ in joints that are `varied` only.
+    void weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,
+               float *against);
 
     const Articulated &model;
     std::vector<Vec> kept;                // the points of the frame that are used
@@ -119,6 +128,7 @@ class Tracking {
     void solve(const double *values, const uint8_t *held);
     struct Seen { // weights of a part's surface
         float facing = 0, hidden = 0, shown = 0;
+        void add(const Seen &other) { facing += other.facing, hidden += other.hidden, shown += other.shown; }
     };
     Seen seen_of(int part, int samples) const;
     void change(const Rigid &base, const double *values, int variable, double by);
@@ -134,6 +144,7 @@ class Tracking {
     enum : uint8_t { at_lower = 1, at_upper, still };
     std::vector<uint8_t> stopped; // joints that stand at a limit in one step, or are held
     std::vector<uint8_t> moved;   // parts that a sweep moves
+    std::vector<uint8_t> moves;   // (joints, parts) which parts a joint moves
     std::vector<int> seen_below, moved_parts; // parts with points: each and all below it, those that a joint moves
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
@@ -150,6 +161,8 @@ class Tracking {
     };
     std::vector<Vec> candidates;
     std::vector<Sum> sums; // of the candidates of each cell
+    std::vector<float> each;            // distances of the points from each part
+    SplitPoints loose;                  // points that parts at rest do not explain
     std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
     std::vector<float> ordered, resting;
     std::vector<float> distance;        // of the points assigned last from the nearest part, ...

@@ -27,6 +27,9 @@ SUSPECT = 0.25
 COSTLY = 1.2
 """A fit is doubted when so many times as much as usual speaks against it."""
 
+EVIDENT = 3.0
+"""Points by which one of two explanations must do better to be the right one for sure."""
+
 FORGETTING = 0.02
 """Share of what is usual that each frame renews."""
 
@@ -61,6 +64,9 @@ class Fit:
     levers: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
+
+    owned: Array | None = None
+    """(k,) points that the parts which a joint moves explain better than the rest of the model does, if looked at."""
 
     @property
     def against(self) -> float:

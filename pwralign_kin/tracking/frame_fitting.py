@@ -13,7 +13,7 @@ from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.tracking import local_search
-from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, Fit, Usual, contradiction
+from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, Fit, Usual
 from pwralign_kin.tracking.motion import LONGEST, Motion
 from pwralign_kin.tracking.options import TrackerOptions
 
@@ -42,10 +42,11 @@ class FrameFitting:
         self.native = native
         self.diagonal = diagonal
         self.options = options
-        self.centre, self.viewed = np.zeros(3), False
+        self.centre, self.viewed, self.wary = np.zeros(3), False, False
 
-    def look(self, frame: Frame, expected: Motion) -> None:
-        """Look at a frame around an expected configuration."""
+    def look(self, frame: Frame, expected: Motion, *, wary: bool = False) -> None:
+        """Look at a frame around an expected configuration, if `wary` also at what tells parts from each other."""
+        self.wary = wary
         native = self.native
         self.centre = expected.T[:3, 3].copy()
         margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
@@ -62,10 +63,13 @@ class FrameFitting:
         as `fitted` takes it, and whether any was found: see `local_search.swept`."""
         return local_search.swept(self.native, self.inward(T), values, ranges, rounds)
 
-    def against(self, T: Array, values: Array, usual: Usual) -> float:
-        """Return how much speaks against a placement (4, 4) in the scan frame and values (k,), from 0 to 2."""
-        *_, support, cost = self.native.judge(self.inward(T)[None], values, usual.tolerance)
-        return contradiction(cost, support)
+    def weighed(self, T: Array, values: Array, varied: NDArray[np.bool_], tolerance: float) -> Array:
+        """Return how much speaks against a placement (4, 4) in the scan frame with rows of values (n, k), in points.
+
+        The rows differ in joints that are `varied` (k,) only; points may be off by `tolerance` (model diagonals).
+        """
+        against = self.native.weigh(self.inward(T)[None], values, varied.astype(np.uint8), tolerance)
+        return np.asarray(self.native.points * against, float)
 
     def inward(self, T: Array) -> Array:
         """Return a base placement in model diagonals about the centre of the frame."""
@@ -126,6 +130,7 @@ class FrameFitting:
         strays, missing = self._part_misfits()
         if not self.viewed:  # what is in front of the model, or behind it, cannot be told
             agreement = coverage
+        owned = np.asarray(native.own(T[None], fitted, tolerance), float) if self.wary else None
         T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
         return Fit(
             T=T,
@@ -143,6 +148,7 @@ class FrameFitting:
             missing=missing,
             covariance=covariance,
             levers=levers,
+            owned=owned,
         )
 
     def _part_misfits(self) -> tuple[Array, Array]:

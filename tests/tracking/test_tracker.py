@@ -18,8 +18,11 @@ from pwralign_kin.se3 import exp, inverse, rotation_angle, transform
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
 from pwralign_kin.simulation.sequences import Motion as FastMotion
 from pwralign_kin.tracking import Frame
+from pwralign_kin.tracking.fit import Usual
+from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.motion import Motion
 from pwralign_kin.tracking.tracker import PATIENCE
+from pwralign_kin.tracking.trials import Trials
 
 Frames = list[SimulatedFrame]
 
@@ -375,3 +378,80 @@ def test_arguments_of_other_kinds_are_refused(arm: pk.ArticulatedModel, moving: 
         pk.Tracker(arm, initial="state.json")  # type: ignore[arg-type]
     with pytest.raises(ScanError, match="'a'"):
         pk.Tracker(arm).update(moving[0].images[0], "a")  # type: ignore[arg-type]
+
+
+def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    native, motion = tracker._fitting.native, tracker._motion
+    assert motion is not None
+    base = tracker._fitting.inward(motion.T)[None]
+    for varied in ([0, 1], [1, 1]):
+        rows = motion.values + np.linspace(-0.6, 0.6, 7)[:, None] * varied
+        *_, support, cost = zip(*(native.judge(base, row, 0.01) for row in rows), strict=True)
+        weighed = native.weigh(base, rows, np.array(varied, np.uint8), 0.01)
+        np.testing.assert_allclose(weighed, np.array(cost) + 1.0 - np.array(support), atol=1e-3)
+        assert np.argmin(weighed) == 3
+
+
+def test_a_part_has_no_points_of_its_own_where_others_are(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for frame, shown in ((moving[1].images[0], True), (_forearm_hidden(arm, moving[2]), False)):
+        tracker.update(frame, 0.1 if shown else 0.2)
+        assert tracker._motion is not None
+        base = tracker._fitting.inward(tracker._motion.T)[None]
+        own = tracker._fitting.native.own(base, tracker._motion.values, 0.01)
+        assert own[0] > 20.0 and (own[1] > 20.0) == shown and own[0] >= own[1]
+
+
+def test_a_joint_that_moved_far_while_it_was_hidden_is_found(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for frame in moving[1:15]:
+        tracker.update(_forearm_hidden(arm, frame), frame.time)
+    assert tracker._motion is not None
+    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, 0.8]))
+    for frame in moving[15:18]:
+        tracked = tracker.update(frame.images[0], frame.time)
+    assert _errors(arm, tracked.state, moving[17].state)[0] < 2.0
+
+
+def test_a_joint_that_stays_hidden_is_tried_ever_less(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker, _ = _elbow_back(arm, moving)
+    tracker.update(_forearm_hidden(arm, moving[16]), moving[16].time)
+    tracker._trials._passed[:], tracker._trials._waited[:] = 64, 0
+    monkeypatch.setattr(Usual, "doubts", lambda *_: False)
+    monkeypatch.setattr(Trials, "_best", lambda *_: pytest.fail("tried again at once"))
+    tracker.update(_forearm_hidden(arm, moving[17]), moving[17].time)
+    assert tracker._trials.active
+
+
+def test_values_are_drawn_evenly(arm: pk.ArticulatedModel) -> None:
+    trials = pk.Tracker(arm)._trials
+    for size in (1, 2, 4):
+        trials.clear()
+        drawn = np.concatenate([trials._spaced(24, size), trials._spaced(40, size)])
+        assert drawn.shape == (64, size) and (drawn >= 0.0).all() and (drawn < 1.0).all()
+        for column in drawn.T:
+            assert (np.histogram(column, 8, (0.0, 1.0))[0] >= 5).all()
+        corners = (drawn[:, :2] > 0.5).astype(int) @ (2 ** np.arange(min(size, 2)))
+        assert (np.bincount(corners) >= 10).all()
+
+
+def test_chains_are_the_joints_above_the_last_ones(arm: pk.ArticulatedModel) -> None:
+    joints = Joints.of(arm, ())
+    assert [chain.tolist() for chain in joints.chains(np.array([True, True]))] == [[True, True]]
+    assert [chain.tolist() for chain in joints.chains(np.array([True, False]))] == [[True, False]]
+    assert joints.moves.tolist() == [[True, True], [False, True]]
+
+
+def test_a_fit_that_has_not_settled_goes_on(arm: pk.ArticulatedModel) -> None:
+    frames = simulate_sequence(arm, 12, FastMotion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
+    worst, tracker = 0.0, None
+    for frame in frames:
+        tracker = tracker or pk.Tracker(arm, pk.TrackerOptions(iterations=6), initial=frame.state)
+        worst = max(worst, _errors(arm, tracker.update(frame.images[0], frame.time).state, frame.state)[0])
+    assert worst < 3.0
