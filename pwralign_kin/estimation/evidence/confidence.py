@@ -7,12 +7,19 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.77, 5.5, 3.38, 0.45, -1.96, -0.53, -6.0)
+PRESENT = (4.67, 3.53, 4.18, 0.52, -1.68, -0.75, -6.0)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
 confidence`, which shows what it finds beside these."""
+AGREED = (0.3, 0.95)
+"""Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
+EXPLAINED = 0.4
+"""Share of the scan below which less of it explained tells no more."""
+ALIKE = 0.8 * AGREED[1]
+"""How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
+explained."""
 SHOWN = (0.2, 0.8)
 """How much surface is in sight, against what a scan usually shows: less tells no more, nor does more."""
 CONTINUED = (0.15, 0.55)
@@ -42,15 +49,19 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (6,).
 
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
-    is confirmed: masks leak and sensors bend surfaces, and scans have holes, but neither does both. In something else,
-    answers turn most of the model away, many of them are about as good, surface that only coincides with the model's
-    goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit better.
+    is confirmed, the less what is seen of it agrees, and the less of the scan it explains: masks leak and sensors bend
+    surfaces, scans have holes, and scenes hold much else, but no right answer is doubtful in every way. In something
+    else, answers turn most of the model away, many of them are about as good, surface that only coincides with the
+    model's goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit
+    better.
     """
     unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    seen = np.clip(evidence.in_sight, 0.1, 0.8) * np.clip(evidence.agreed, *AGREED)
+    alike = seen * max(evidence.explained, EXPLAINED)
     shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
     return np.array(
         [
-            unlike * np.log(np.clip(evidence.in_sight, 0.1, 0.8) / 0.8),
+            unlike * np.log(alike / ALIKE),
             np.log(np.clip(shown, *SHOWN)),
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
