@@ -34,6 +34,8 @@ BLUR, REACH = 0.012, BAND
 when answer and rivals are told apart."""
 PATCH = 0.2
 """Side of the cells (model diagonals) within which points of one part share the errors that noise does not explain."""
+UNSHARED = 0.0025
+"""Residual beyond the noise (model diagonals) that answers leave which are merely wrong somewhere."""
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 ASTRAY = 0.2
@@ -246,8 +248,8 @@ def _off(
 def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
     """Return by how many standard deviations the points speak for the first candidate against each other.
 
-    What noise does not explain of the residual, points of a patch have in common: a sensor that bends surfaces makes
-    others fit a whole patch better, which tells no more than one point would.
+    What noise does not explain of a large residual, points of a patch have in common: a sensor that bends surfaces
+    makes others fit a whole patch better, which tells no more than one point would.
     """
     given, noise = search.observation.given, search.observation.noise
     residual = search.residual(compared.take([0]))
@@ -257,10 +259,11 @@ def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float6
     gains = explained[0] - explained[1:]
     sums, variances = gains.sum(axis=1), (gains**2).sum(axis=1)
     better = sums < 0.0
-    if better.any() and residual > noise:
+    shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
+    if better.any() and shared > 0.0:
         patch = _patches(given, search.given_owners(compared.take([0]))[1])
         together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
-        variances[better] += (1.0 - (noise / residual) ** 2) * np.maximum(together - variances[better], 0.0)
+        variances[better] += shared * np.maximum(together - variances[better], 0.0)
     return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
 
 
