@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (4.67, 3.53, 4.18, 0.52, -1.68, -0.75, -6.0)
+PRESENT = (4.05, 3.63, 3.84, 0.42, -1.88, -0.45, -4.38)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
@@ -15,7 +15,7 @@ RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 confidence`, which shows what it finds beside these."""
 AGREED = (0.3, 0.95)
 """Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
-EXPLAINED = 0.4
+EXPLAINED = 0.6
 """Share of the scan below which less of it explained tells no more."""
 ALIKE = 0.8 * AGREED[1]
 """How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
@@ -27,7 +27,7 @@ CONTINUED = (0.15, 0.55)
 that widen outlines a little more; beyond the second, more tells no more."""
 REFUTED = (0.1, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
-SIZE_GAIN = (0.025, 0.055)
+SIZE_GAIN = (0.025, 0.1)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
