@@ -26,7 +26,7 @@ from pwralign_kin.benchmark.metrics import Ruler, Score
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.estimation import Estimate
 from pwralign_kin.estimation.evidence import confidence
-from pwralign_kin.estimation.evidence.evidence import Evidence
+from pwralign_kin.estimation.evidence.evidence import Evidence, logistic
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.state import State
 
@@ -112,7 +112,7 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
             strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), refuted=0.0, continued=0.0,
             points_per_part=random.uniform(1.0, 30.0), size=1.0, size_gain=0.0,
         )  # fmt: skip
-        right = present and random.random() < confidence.confidence(found)
+        right = present and random.random() < logistic(confidence.RIGHT, confidence.features(found))
         return dataclasses.replace(outcome(0.5, right), evidence=dataclasses.asdict(found))
 
     table = coefficients_table([drawn(True) for _ in range(4000)], [drawn(False) for _ in range(1000)])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (4.05, 3.63, 3.84, 0.42, -1.88, -0.45, -4.38)
+PRESENT = (3.71, 3.5, 3.06, 0.26, -1.47, -0.49, -4.85)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
