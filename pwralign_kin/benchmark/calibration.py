@@ -122,7 +122,7 @@ def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
     values = [confidence.features(own) for own in evidence]
     there = np.array([logistic(tuple(present), confidence.presence_features(own)) for own in evidence])
     right = np.array([own.score.overlay for own in outcomes], float)
-    weights = np.where([own.method == "default" for own in outcomes], 1.0, HASTY_WEIGHT)
+    weights = np.where([own.method == "hasty" for own in outcomes], HASTY_WEIGHT, 1.0)
     blamed = np.ones(len(outcomes))
     for _ in range(ROUNDS):
         coefficients = _logistic_regression(values, right, weights * blamed, RIDGE)
@@ -153,9 +153,10 @@ def _logistic_regression(values: Sequence[Array], verdicts: Array, weights: Arra
 
 
 def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> str:
-    """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use."""
+    """Return the coefficients fitted to the outcomes, and to those of scans without the model, beside those in use,
+    and as they are written down there."""
     names = (
-        "present: intercept", "unlike and not confirmed", "shown", "distinct", "continued", "refuted",
+        "present: intercept", "unlike and little alike", "shown", "distinct", "continued", "refuted",
         "another size",
         "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
     )  # fmt: skip
@@ -163,7 +164,10 @@ def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]
     found = np.concatenate([present, fitted(outcomes, present)])
     in_use = (*confidence.PRESENT, *confidence.RIGHT)
     rows = [[name, f"{own:.2f}", f"{used:.2f}"] for name, own, used in zip(names, found, in_use, strict=True)]
-    return markdown(["coefficient of", " fitted", " in use"], rows)
+    fits = {"PRESENT": found[: len(present)], "RIGHT": found[len(present) :]}
+    lines = (f"    {name} = ({', '.join(str(round(float(own), 2)) for own in fit)})" for name, fit in fits.items())
+    pasted = "\n".join(["For `pwralign_kin/estimation/evidence/confidence.py`:", "", *lines, ""])
+    return markdown(["coefficient of", " fitted", " in use"], rows) + "\n" + pasted
 
 
 def foreign_table(outcomes: Sequence[Outcome]) -> str:

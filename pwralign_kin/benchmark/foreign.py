@@ -35,8 +35,8 @@ OTHERS = 3
 """Other robots that each model is looked for in, ..."""
 SIZES = (1.0, 0.5)
 """... and sizes of solids, as shares of the model's."""
-WRONG_SIZES = (0.7, 1.4)
-"""Sizes of the model itself: a wrong unit or a wrong variant."""
+WRONG_SIZES = {"wrong size": (0.7, 1.4), "nearly the size": (0.87, 1.15)}
+"""Sizes of the model itself: a wrong unit, or a wrong variant."""
 
 
 def measure(models: Models, threads: int, progress: Progress) -> list[Outcome]:
@@ -62,9 +62,9 @@ def cases(name: str, model: ArticulatedModel, others: Sequence[tuple[str, Articu
         other, shape = others[(place + step) % len(others)]
         tier = ROBOT_TIERS[step % len(ROBOT_TIERS)]
         yield _scaled(simulated_case(shape, other, tier, 0), name, other, model.diagonal / shape.diagonal)
-    for number, size in enumerate(WRONG_SIZES):
-        own = simulated_case(model, name, ROBOT_TIERS[number], 0)
-        yield _scaled(own, name, "wrong size", size)
+    for what, sizes in WRONG_SIZES.items():
+        for tier, size in zip(ROBOT_TIERS, sizes, strict=False):
+            yield _scaled(simulated_case(model, name, tier, 0), name, what, size)
     yield _without_model(simulated_case(model, name, "clutter", 0), "clutter alone")
     made = scene(model, name, "furniture", 0)
     yield _without_model(Case(name, "room", 0, made.scan, made.labels, made.state, None), "room alone")

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pwralign_kin.benchmark.cases import Case
 from pwralign_kin.benchmark.methods import DEFAULT, answer
 from pwralign_kin.benchmark.metrics import Ruler, Score
-from pwralign_kin.benchmark.runs import Models, Progress
+from pwralign_kin.benchmark.runs import Models, Outcome, Progress, Run
+from pwralign_kin.benchmark.runs import outcome as judged
 from pwralign_kin.benchmark.summaries import grouped
 from pwralign_kin.benchmark.table import figure, markdown, median, share
 from pwralign_kin.estimation import Estimate
@@ -29,6 +30,9 @@ ROOMS: Mapping[str, Room] = MappingProxyType(
     }
 )
 """What makes a scene hard, by name."""
+
+
+METHOD = "in a room"
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,21 @@ def outcome(ruler: Ruler, robot: str, room: str, configuration: int, made: Simul
         seconds=given.seconds,
         fault=given.fault,
     )
+
+
+def as_cases(models: Models, rooms: Sequence[str], threads: int, progress: Progress) -> list[Outcome]:
+    """Estimate every model in one room of each of these kinds, as the cases of tables that go by evidence."""
+    outcomes = []
+    for robot, model in models:
+        ruler = Ruler(model)
+        for room in rooms:
+            made = scene(model, robot, room, 0)
+            reference = ruler.reference(made.state, made.labels[made.labels >= 0])
+            case = Case(robot, room, 0, made.scan, made.labels, made.state, None)
+            given = answer(DEFAULT, case, ruler, reference, threads)
+            outcomes.append(judged(Run(case, ruler, reference, METHOD, given)))
+            progress(str(outcomes[-1]))
+    return outcomes
 
 
 def _scores(ruler: Ruler, made: SimulatedScan, found: Estimate | None) -> Iterator[tuple[Score, NDArray[np.int64]]]:

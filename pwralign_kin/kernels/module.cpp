@@ -591,7 +591,7 @@ void bind_search(nb::module_ &m) {
         .def("in_sight", [](const Search &self, Placements placements, float distance, float cosine) {
             const std::vector<Rigid> T = part_placements(self.model, placements);
             Search::Sight sight = self.in_sight(T, distance, cosine);
-            return nb::make_tuple(to_numpy(std::move(sight.shown)), to_numpy(std::move(sight.confirmed)));
+            return nb::make_tuple(to_numpy(std::move(sight.shown)), to_numpy(std::move(sight.near)), to_numpy(std::move(sight.confirmed)));
         }, "placements"_a, "distance"_a, "cosine"_a)
         .def("normal_equations", [](const Search &self, Placements placements, Points points, Points normals, float sigma, float cap, float support_weight, Floats part_weights, bool along_rays) {
             const size_t n = self.model.parts;

@@ -113,22 +113,24 @@ float Search::violation(int part, const RigidF &T, float distance) const {
 
 Search::Sight Search::in_sight(const std::vector<Rigid> &T, float distance, float cosine) const {
     const float limit = distance * distance;
-    Sight sight{std::vector<float>(model.parts, 0.f), std::vector<float>(model.parts, 0.f)};
+    Sight sight{std::vector<float>(model.parts), std::vector<float>(model.parts), std::vector<float>(model.parts)};
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;
         const RigidF F = to_float(T[p]);
         const int count = s.count(samples_in_sight);
-        FloatLanes shown{}, confirmed{};
+        FloatLanes shown{}, near{}, confirmed{};
         for_samples(field, s, F, 0, count, [&](const SampleLanes &at) {
             const VecLanes view = field.sensor - at.place;
             const IntLanes faces = (at.seen > 0) & (at.seen * at.seen > grazing * grazing * dot(view, view)) & (at.free > 0);
             const FloatLanes w = !field.has_origin ? at.w : faces ? at.w : FloatLanes{};
             shown += w;
+            near += at.squared < limit ? w : FloatLanes{};
             // Of either side: the point nearest to a thin plate's surface may be on its back.
             confirmed += (at.squared < limit) & (at.cosine * at.cosine > cosine * cosine) ? w : FloatLanes{};
         });
         sight.shown[p] = sum_of_lanes(shown) / s.cumulated[count];
+        sight.near[p] = sum_of_lanes(near) / s.cumulated[count];
         sight.confirmed[p] = sum_of_lanes(confirmed) / s.cumulated[count];
     }
     return sight;

@@ -166,11 +166,11 @@ class Search {
     std::vector<Normal> normal_equations(const std::vector<OrientedPoint> &sampled, const std::vector<Rigid> &T,
                                          float sigma, float cap, float support_weight, const float *part_weights,
                                          bool along_rays, std::vector<int> &counts) const;
-    // How much of the surface of every part at given placements is in sight, and how much of that has a scan point
-    // within `distance` whose normal agrees with its own. In sight of a sensor is what faces it and is not behind what it
-    // saw; without one, all.
+    // How much of the surface of every part at given placements is in sight, how much of that has a scan point within
+    // `distance`, and how much one whose normal agrees with its own. In sight of a sensor is what faces it and is not
+    // behind what it saw; without one, all.
     struct Sight {
-        std::vector<float> shown, confirmed; // (parts,), shares
+        std::vector<float> shown, near, confirmed; // (parts,), shares
     };
     Sight in_sight(const std::vector<Rigid> &T, float distance, float cosine) const;
     Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;

@@ -8,6 +8,7 @@ import pytest
 
 from pwralign_kin.benchmark import further
 from pwralign_kin.benchmark.cases import ROBOTS, wheel_robots
+from pwralign_kin.benchmark.suite import FIT_ROBOTS
 from pwralign_kin.exceptions import DependencyError, ModelError
 from pwralign_kin.model import ArticulatedModel
 
@@ -72,3 +73,7 @@ def test_every_file_of_the_wheel_has_a_name_of_its_own() -> None:
     assert {name: names[name] for name in ROBOTS} == ROBOTS
     assert len(set(names.values())) == len(names) > 40
     assert names["ur10_robot"].endswith("/ur10_robot.urdf")
+
+
+def test_the_confidence_is_fitted_to_no_robot_that_it_is_measured_on() -> None:
+    assert not {*FIT_ROBOTS} & {*ROBOTS}

@@ -10,6 +10,7 @@ import pytest
 from pwralign_kin.benchmark import methods, scenes
 from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.estimation import Estimate
+from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import SimulatedScan
 from pwralign_kin.state import State
@@ -54,3 +55,10 @@ def test_a_failure_counts_as_missed(made: SimulatedScan, ruler: Ruler, monkeypat
     assert not missed.score.overlay and missed.fault == "ValueError: no" and missed.recall == 0.0
     row = scenes.table([missed]).splitlines()[2]
     assert row.startswith("| second copy | 1 |") and "| 0% (0/1) |" in row and row.endswith("| 1 |")
+
+
+def test_answers_to_rooms_are_cases_with_evidence(twins: ArticulatedModel) -> None:
+    [outcome] = scenes.as_cases([("twins", twins)], ["contact"], 1, lambda _: None)
+    assert (outcome.robot, outcome.tier, outcome.method) == ("twins", "contact", scenes.METHOD)
+    assert set(Evidence.__dataclass_fields__) <= set(outcome.evidence)
+    assert outcome.evidence["explained"] < 0.9

@@ -23,7 +23,7 @@ PLAIN_DISPLACEMENT = 0.0036
 WEAK_DISPLACEMENT = 0.0005
 """From here to there, it is if its other values are compared and none is as good: surfaces are rounder than they are
 told to be."""
-SYSTEMATIC_SHARE = 0.6
+SYSTEMATIC_SHARE = 0.3
 """Share of the systematic residual (sensor bias, model error) that may pass for a motion of a joint."""
 LEAST_POINTS = 8
 """Correspondences below which a part counts as unseen."""

@@ -7,12 +7,19 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.77, 5.5, 3.38, 0.45, -1.96, -0.53, -6.0)
+PRESENT = (3.71, 3.5, 3.06, 0.26, -1.47, -0.49, -4.85)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`):
 `pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
 confidence`, which shows what it finds beside these."""
+AGREED = (0.3, 0.95)
+"""Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
+EXPLAINED = 0.6
+"""Share of the scan below which less of it explained tells no more."""
+ALIKE = 0.8 * AGREED[1]
+"""How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
+explained."""
 SHOWN = (0.2, 0.8)
 """How much surface is in sight, against what a scan usually shows: less tells no more, nor does more."""
 CONTINUED = (0.15, 0.55)
@@ -20,7 +27,7 @@ CONTINUED = (0.15, 0.55)
 that widen outlines a little more; beyond the second, more tells no more."""
 REFUTED = (0.1, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
-SIZE_GAIN = (0.025, 0.055)
+SIZE_GAIN = (0.025, 0.1)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
@@ -42,15 +49,19 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     """Return what tells a scan of the model from one of something else (6,).
 
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
-    is confirmed: masks leak and sensors bend surfaces, and scans have holes, but neither does both. In something else,
-    answers turn most of the model away, many of them are about as good, surface that only coincides with the model's
-    goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit better.
+    is confirmed, the less what is seen of it agrees, and the less of the scan it explains: masks leak and sensors bend
+    surfaces, scans have holes, and scenes hold much else, but no right answer is doubtful in every way. In something
+    else, answers turn most of the model away, many of them are about as good, surface that only coincides with the
+    model's goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit
+    better.
     """
     unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    seen = np.clip(evidence.in_sight, 0.1, 0.8) * np.clip(evidence.agreed, *AGREED)
+    alike = seen * max(evidence.explained, EXPLAINED)
     shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
     return np.array(
         [
-            unlike * np.log(np.clip(evidence.in_sight, 0.1, 0.8) / 0.8),
+            unlike * np.log(alike / ALIKE),
             np.log(np.clip(shown, *SHOWN)),
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),

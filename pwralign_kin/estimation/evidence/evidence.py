@@ -33,6 +33,10 @@ PROBES = 40
 BLUR, REACH = 0.012, BAND
 """Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
 when answer and rivals are told apart."""
+PATCH = 0.2
+"""Side of the cells (model diagonals) within which points of one part share the errors that noise does not explain."""
+UNSHARED = 0.0025
+"""Residual beyond the noise (model diagonals) that answers leave which are merely wrong somewhere."""
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
 """Noise (model diagonals) up to which simulated scans were answered right, and from which on points fill a volume."""
 ASTRAY = 0.2
@@ -75,6 +79,13 @@ class Evidence:
     in_sight: float
     """Share of the model's surface that points confirm, of that which is in sight: a single view does not show what is
     turned away, or hidden by what it saw."""
+
+    agreed: float
+    """The same, of that which points lie on, however they are oriented: a scan with holes does not show all that is in
+    sight, but what it shows is like the model."""
+
+    explained: float
+    """Share of the scan that lies on the model. Where it holds much else, some of that is like the model by chance."""
 
     strange: float
     """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
@@ -128,6 +139,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
     compared = Candidates.concatenate([answer, search.scored(rivals)[0]]) if len(rivals) else answer
     refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
     margin, distinct, told = _margins(search, compared, apart, beyond)
+    in_sight, agreed = search.confirmed(final)
     return Evidence(
         float(nearby),
         float(lacking),
@@ -137,7 +149,9 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         told,
         observation.noise,
         confirmed * float(shares @ weights) / float(weights.sum()),
-        search.confirmed(final),
+        in_sight,
+        agreed,
+        float(on_model),
         float(strange),
         float(astray),
         refuted,
@@ -233,13 +247,31 @@ def _off(
 
 
 def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
-    """Return by how many standard deviations the points speak for the first candidate against each other."""
-    given = search.observation.given
-    blur = math.hypot(max(search.observation.noise, search.residual(compared.take([0]))), BLUR)
+    """Return by how many standard deviations the points speak for the first candidate against each other.
+
+    What noise does not explain of a large residual, points of a patch have in common: a sensor that bends surfaces
+    makes others fit a whole patch better, which tells no more than one point would.
+    """
+    given, noise = search.observation.given, search.observation.noise
+    residual = search.residual(compared.take([0]))
+    blur = math.hypot(max(noise, residual), BLUR)
     distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
-    return np.asarray(gains.sum(axis=1) / np.sqrt((gains**2).sum(axis=1) + 1e-9), np.float64)
+    sums, variances = gains.sum(axis=1), (gains**2).sum(axis=1)
+    better = sums < 0.0
+    shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
+    if better.any() and shared > 0.0:
+        patch = _patches(given, search.given_owners(compared.take([0]))[1])
+        together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
+        variances[better] += shared * np.maximum(together - variances[better], 0.0)
+    return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
+
+
+def _patches(points: NDArray[np.float32], parts: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return which patch of surface each of the points (n, 3) is in, which lie on the `parts` (n,)."""
+    cells = np.column_stack([np.floor(points / PATCH).astype(np.int64), parts])
+    return np.asarray(np.unique(cells, axis=0, return_inverse=True)[1].ravel(), np.int64)
 
 
 def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:

@@ -520,13 +520,16 @@ class TreeSearch:
         kept: Look = self._looks[key]
         return kept
 
-    def confirmed(self, candidate: Candidates) -> float:
+    def confirmed(self, candidate: Candidates) -> tuple[float, float]:
         """Return the share of one candidate's surface in sight that scan points confirm: they lie on it, and are
-        oriented like it. In sight of a sensor is what faces it and nothing hides; without one, all."""
+        oriented like it. In sight of a sensor is what faces it and nothing hides; without one, all.
+
+        The second is the share of that alone which points lie on at all, 1 where none do: a hole in the scan does not
+        speak against a surface, one that crosses it does."""
         placements = np.ascontiguousarray(self.part_placements(candidate)[0])
         distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
-        shown, confirmed = self.native.in_sight(placements, distance, ALIKE)
-        return float(self.areas @ confirmed) / max(float(self.areas @ shown), 1e-9)
+        shown, near, confirmed = (float(self.areas @ own) for own in self.native.in_sight(placements, distance, ALIKE))
+        return confirmed / max(shown, 1e-9), confirmed / near if near > 0.0 else 1.0
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""

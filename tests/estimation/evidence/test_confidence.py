@@ -9,8 +9,9 @@ import pytest
 from good_evidence import GOOD
 
 import pwralign_kin as pk
+from pwralign_kin import se3
 from pwralign_kin.estimation.evidence.confidence import confidence
-from pwralign_kin.estimation.evidence.evidence import Evidence, gathered
+from pwralign_kin.estimation.evidence.evidence import Evidence, _distinctness, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -106,6 +107,13 @@ def test_holes_of_a_scan_count_only_beside_what_is_not_of_the_model() -> None:
     assert confidence(dataclasses.replace(torn, **odd)) < confidence(dataclasses.replace(GOOD, **odd)) - 0.1
 
 
+@pytest.mark.parametrize("less", [{"agreed": 0.5}, {"explained": 0.5}], ids=str)
+def test_what_a_scan_shows_besides_counts_only_beside_what_is_not_of_the_model(less: dict[str, float]) -> None:
+    odd = dataclasses.replace(GOOD, strange=0.05, astray=0.05)
+    assert confidence(dataclasses.replace(GOOD, **less)) == confidence(GOOD)
+    assert confidence(dataclasses.replace(odd, **less)) < confidence(odd) - 0.02
+
+
 @pytest.mark.parametrize("worse", [{"nearby": 0.05}, {"margin": -0.01}, {"borne_out": 0.15}], ids=str)
 def test_every_doubt_makes_an_answer_less_sound(worse: dict[str, float]) -> None:
     assert soundness(GOOD) > 0.85
@@ -148,7 +156,38 @@ def test_what_a_view_does_not_show_is_not_missed(arm: pk.ArticulatedModel) -> No
     assert blind.in_sight < 0.75
     assert pk.estimate(arm, full.scan).evidence.in_sight > 0.8
     half = full.scan.points[full.scan.points[:, 0] < np.median(full.scan.points[:, 0])]
-    assert pk.estimate(arm, pk.Scan(half), initial=full.state).evidence.in_sight == pytest.approx(0.5, abs=0.15)
+    torn = pk.estimate(arm, pk.Scan(half), initial=full.state).evidence
+    assert torn.in_sight == pytest.approx(0.5, abs=0.15)
+    assert torn.agreed > 0.8
+    assert torn.explained > 0.95
+
+
+def test_surface_that_points_cross_does_not_agree_with_them(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    true = full_scan.state
+    turned = true.T_scan_base.copy()
+    turned[:3, :3] = turned[:3, :3] @ se3.exp(np.array([0.6, 0.6, 0.0, 0.0, 0.0, 0.0]))[:3, :3]
+    right, wrong = (
+        evidence(search, arm, state, units) for state in (true, dataclasses.replace(true, T_scan_base=turned))
+    )
+    assert right.agreed > 0.8
+    assert wrong.agreed < right.agreed - 0.15
+    assert wrong.explained < right.explained - 0.2
+
+
+def test_points_that_err_together_prefer_a_rival_by_no_more_than_their_patches(
+    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    placed = [
+        search.observation.to_search(arm.root_placement(state))
+        for state in (shifted(full_scan.state, 0.01 * arm.diagonal), full_scan.state)
+    ]
+    values = np.tile(arm.values(full_scan.state.joints) / units, (2, 1))
+    bent = Candidates(np.array(placed), values, np.zeros(2, np.float32))
+    (worse,), (better,) = _distinctness(search, bent), _distinctness(search, bent.take([1, 0]))
+    assert better > 15.0
+    assert -8.0 < worse < -1.0
 
 
 def test_few_points_a_part_are_little_to_go_by() -> None:
