@@ -12,9 +12,7 @@ from pwralign_kin.simulation import TIERS
 
 
 @pytest.mark.parametrize("sensor", [pk.Sensor(), TIERS["hololens"]])
-def test_a_mirrored_scan_is_told(
-    arm: pk.ArticulatedModel, caplog: pytest.LogCaptureFixture, sensor: pk.Sensor
-) -> None:
+def test_a_mirrored_scan_is_told(arm: pk.ArticulatedModel, caplog: pytest.LogCaptureFixture, sensor: pk.Sensor) -> None:
     scan = pk.simulate(arm, sensor=sensor, seed=0).scan.mirrored()
     with caplog.at_level(logging.WARNING, logger="pwralign_kin"):
         estimate = pk.estimate(arm, scan)
