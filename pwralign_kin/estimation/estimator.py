@@ -70,6 +70,8 @@ UNLIKE = 0.03
 OF_OTHER_HAND = 0.02
 """Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
 much, and nearly all to mirror images of models that are not their own."""
+OF_THE_MODEL = 0.8
+"""Share of explained points from which the scan is of the model: among much else, what is strange is of that."""
 CLEARLY = 0.04
 """Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
 is right, 0.05 to 0.3 where it is 7 to 15% off."""
@@ -303,7 +305,8 @@ class Estimator:
         """
         evidence, options = estimate.evidence, self.options
         told = options.base != BasePrior() or options.region is not None or options.near is not None
-        if told or fit.solver.search.observation.scene or evidence.strange + evidence.astray <= OF_OTHER_HAND:
+        odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
+        if told or not odd or fit.solver.search.observation.scene:
             return estimate
         try:
             quick = Estimator(self.model, replace(options, effort="fast"))
