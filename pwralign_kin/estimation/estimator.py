@@ -205,13 +205,13 @@ class Estimator:
         observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
         answer = state_of(self.model, observation, fit.finished.bases[0], fit.finished.values[0])
         try:
-            for start in (answer, initial):
-                found = self.fit(fit.scan, start, correspondences, fit.watch, turned=turned)
-                if found.finished.scores[0] <= enough:
-                    return None
+            from_answer = self.fit(fit.scan, answer, correspondences, fit.watch, turned=turned)
+            if from_answer.finished.scores[0] <= enough:
+                return None
+            anew = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned)
         except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
             return None
-        return found
+        return max(from_answer, anew, key=lambda found: float(found.finished.scores[0]))
 
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None

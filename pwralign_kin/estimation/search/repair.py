@@ -16,8 +16,9 @@ from pwralign_kin.se3 import Array, rotation_about
 
 Bool = NDArray[np.bool_]
 
-THIN = 0.1
-"""Thickness (model diagonals) up to which a part may be taken for seen from its other side, and lie beside its place."""
+THIN = (0.01, 0.1)
+"""Thickness (model diagonals) of a part that may be taken for seen from its other side and lie beside its place by it;
+less is refined away."""
 FACING = 0.9
 """Cosine of the angle to a thin part's shortest axis from which on its surface is one of its two sides."""
 
@@ -341,4 +342,4 @@ def _across(surface: Surface) -> Array:
     if min(len(upper), len(lower)) == 0:
         return np.zeros((0, 3))
     thickness = float(np.median(upper) - np.median(lower))
-    return np.array([-thickness * axis, thickness * axis]) if 0.0 < thickness < THIN else np.zeros((0, 3))
+    return np.array([-thickness * axis, thickness * axis]) if THIN[0] < thickness < THIN[1] else np.zeros((0, 3))
