@@ -211,7 +211,7 @@ class Estimator:
             anew = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned)
         except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
             return None
-        return max(from_answer, anew, key=lambda found: float(found.finished.scores[0]))
+        return anew if anew.finished.scores[0] > enough else from_answer
 
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
