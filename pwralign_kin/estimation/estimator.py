@@ -15,11 +15,12 @@ from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.doubt.observability import doubted
+from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.other_size import other_size
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
-from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
+from pwralign_kin.estimation.knowledge.prior import JOINT_REACH, BasePrior
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import likeliest
@@ -66,6 +67,11 @@ PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 UNLIKE = 0.03
 """Share of strange and astray points from which the size of the model is doubted."""
+OF_OTHER_HAND = 0.02
+"""Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
+much, and nearly all to mirror images of models that are not their own."""
+OF_THE_MODEL = 0.8
+"""Share of explained points from which the scan is of the model: among much else, what is strange is of that."""
 CLEARLY = 0.04
 """Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
 is right, 0.05 to 0.3 where it is 7 to 15% off."""
@@ -108,7 +114,10 @@ class Estimator:
         estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
         estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
         estimate = self._seen_from_own_origin(fit, estimate, initial, correspondences)
+        if initial is None and correspondences is None:
+            estimate = self._against_mirror_image(fit, estimate)
         warn_of_size(scan, estimate)
+        warn_of_mirror_image(scan, estimate)
         return estimate
 
     def fit(
@@ -196,13 +205,13 @@ class Estimator:
         observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
         answer = state_of(self.model, observation, fit.finished.bases[0], fit.finished.values[0])
         try:
-            for start in (answer, initial):
-                found = self.fit(fit.scan, start, correspondences, fit.watch, turned=turned)
-                if found.finished.scores[0] <= enough:
-                    return None
+            from_answer = self.fit(fit.scan, answer, correspondences, fit.watch, turned=turned)
+            if from_answer.finished.scores[0] <= enough:
+                return None
+            anew = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned)
         except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
             return None
-        return found
+        return anew if anew.finished.scores[0] > enough else from_answer
 
     def _beside_surroundings(
         self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
@@ -287,6 +296,25 @@ class Estimator:
             return estimate
         logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
         return other
+
+    def _against_mirror_image(self, fit: Fit, estimate: Estimate) -> Estimate:
+        """Hold an answer that leaves points strange or astray against one to the mirror image of the scan, which some
+        programs write: their coordinates are left-handed.
+
+        What is known in the frame of the scan tells its hand, or would have to be mirrored with it.
+        """
+        evidence, options = estimate.evidence, self.options
+        told = options.base != BasePrior() or options.region is not None or options.near is not None
+        odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
+        if told or not odd or fit.solver.search.observation.scene:
+            return estimate
+        try:
+            quick = Estimator(self.model, replace(options, effort="fast"))
+            image = quick.fit(fit.scan.mirrored(), None, None, fit.watch)
+        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+            return estimate
+        evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
+        return replace(estimate, evidence=evidence, confidence=confidence(evidence))
 
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
@@ -426,6 +454,16 @@ def warn_of_size(scan: Scan, estimate: Estimate) -> None:
             "%s: the points lie better on a model about %.2f times as large: is the scan to scale, and the model the "
             "right variant?",
             scan.source, estimate.evidence.size,
+        )  # fmt: skip
+
+
+def warn_of_mirror_image(scan: Scan, estimate: Estimate) -> None:
+    """Log that the mirror image of the points clearly makes more of the model than they do."""
+    if estimate.evidence.mirrored > MIRRORED[0]:
+        logger.warning(
+            "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, turn "
+            "the sign of one axis",
+            scan.source,
         )  # fmt: skip
 
 

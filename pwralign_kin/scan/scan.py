@@ -230,6 +230,14 @@ class Scan:
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
         return self._derived(np.arange(len(self.points)), factor * self.points, origin)
 
+    def mirrored(self) -> Scan:
+        """Return the mirror image of the scan, with the sign of z turned; it loses its depth camera."""
+        mirror = np.array([1.0, 1.0, -1.0])
+        origin = None if self.sensor_origin is None else mirror * self.sensor_origin
+        scan = self._derived(np.arange(len(self.points)), mirror * self.points, origin)
+        scan.normals = None if self.normals is None else _frozen(mirror * self.normals)
+        return scan
+
     def without_sensor_origin(self) -> Scan:
         """Return the scan without saying where it was seen from; it loses its depth camera."""
         return self._derived(np.arange(len(self.points)), self.points, None)

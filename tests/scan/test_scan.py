@@ -163,6 +163,14 @@ def test_scaled_scales_points_and_origin() -> None:
     assert scan.source == "cloud"
 
 
+def test_mirrored_turns_the_sign_of_z_throughout() -> None:
+    normals = np.tile([0.0, 0.6, 0.8], (100, 1))
+    scan = Scan(cloud(), sensor_origin=[1.0, 2.0, 3.0], normals=normals).mirrored()
+    assert np.allclose(scan.points, cloud() * [1.0, 1.0, -1.0])
+    assert scan.sensor_origin is not None and np.allclose(scan.sensor_origin, [1.0, 2.0, -3.0])
+    assert scan.normals is not None and np.allclose(scan.normals, [0.0, 0.6, -0.8])
+
+
 def test_cropped_keeps_the_points_in_the_box_and_their_indices() -> None:
     points = cloud(500)
     points[7] = np.nan

@@ -29,6 +29,9 @@ REFUTED = (0.1, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
 SIZE_GAIN = (0.025, 0.1)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
+MIRRORED = (0.12, 0.25)
+"""Score by which an answer to the mirror image of the scan is better: chance makes less than the first, and from the
+second on the scan is of the other hand, and its answer wrong."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
 BENT = 0.4
@@ -39,10 +42,12 @@ def confidence(evidence: Evidence) -> float:
     """Return the chance in [0, 1] that an answer with this evidence is right.
 
     It is the chance that the model is in the scan at all, times the chance that the answer is right if it is: two
-    logistic regressions. It fades to nothing where the points fill a volume.
+    logistic regressions. It fades to nothing where the points fill a volume, or make the mirror image of the model.
     """
     chance = logistic(PRESENT, presence_features(evidence)) * logistic(RIGHT, features(evidence))
-    return on_surface(evidence) * chance
+    least, most = MIRRORED
+    of_this_hand = float(np.clip((most - evidence.mirrored) / (most - least), 0.0, 1.0))
+    return on_surface(evidence) * of_this_hand * chance
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:

@@ -111,11 +111,14 @@ class Evidence:
     size_gain: float
     """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
 
+    mirrored: float = 0.0
+    """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
 
-    Another size of the model is not looked for (`other_size`).
+    Another size of the model is not looked for (`other_size`), nor is a mirror image of the scan.
     """
     observation = search.observation
     distance, part, cosine = search.lying(final)

@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, misfits, voted
+from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, rotation_about
 
 Bool = NDArray[np.bool_]
+
+THIN = (0.01, 0.1)
+"""Thickness (model diagonals) of a part that may be taken for seen from its other side and lie beside its place by it;
+less is refined away."""
+FACING = 0.9
+"""Cosine of the angle to a thin part's shortest axis from which on its surface is one of its two sides."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,8 @@ def repair_moves(
         moves.append(_swept(search, solution, options.held_limbs))
     if turn:
         moves += _turned(search, placements, options)
+        if not single:
+            moves += _slid(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
 
 
@@ -307,3 +316,30 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
     part, after = np.ascontiguousarray(part[good]), np.ascontiguousarray(after[good])
     kept = search.native.distinct_parts(part, after, options.turned_parts, search.options.distinct)
     return [search.grow(_placed(part[kept], after[kept]))]
+
+
+def _slid(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
+    """Slide each of the largest parts, where it is thin, to where its one side takes the place of the other, and grow
+    from there: points do not tell which side of it they are of."""
+    parts: list[int] = []
+    slid: list[Array] = []
+    for i in search.largest_parts(options.turned_parts):
+        for offset in _across(search.surfaces[i]):
+            slide = np.eye(4)
+            slide[:3, 3] = offset
+            parts.append(int(i))
+            slid.append(placements[i] @ slide)
+    # Refined by itself, such a part would slide back.
+    return [search.grow(_placed(np.array(parts, np.int32), np.array(slid)))] if parts else []
+
+
+def _across(surface: Surface) -> Array:
+    """Return the two offsets (2, 3) between the sides of a thin part, none (0, 3) of others."""
+    samples, normals = surface.samples.astype(float), surface.normals.astype(float)
+    axis = np.linalg.svd(samples - samples.mean(axis=0), full_matrices=False)[2][2]
+    heights, along = samples @ axis, normals @ axis
+    upper, lower = heights[along > FACING], heights[along < -FACING]
+    if min(len(upper), len(lower)) == 0:
+        return np.zeros((0, 3))
+    thickness = float(np.median(upper) - np.median(lower))
+    return np.array([-thickness * axis, thickness * axis]) if THIN[0] < thickness < THIN[1] else np.zeros((0, 3))

@@ -1,0 +1,41 @@
+"""Moves of repair that bring a whole part to its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.repair import RepairOptions, _across, repair_moves
+from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+
+
+@pytest.fixture(scope="module")
+def laptop(robots_folder: Path) -> pk.ArticulatedModel:
+    return pk.ArticulatedModel.from_urdf(robots_folder / "laptop" / "laptop.urdf")
+
+
+@pytest.mark.parametrize("way", [0, 1])
+def test_a_plate_beside_its_place_by_its_thickness_is_put_back(laptop: pk.ArticulatedModel, way: int) -> None:
+    """Points on one of its sides were taken for points on the other, and nothing led back."""
+    simulated = pk.simulate(laptop, seed=4)
+    observation = observe(simulated.scan, laptop.diagonal, ObservationOptions(), 2)
+    search = TreeSearch(laptop.kernel_model, laptop.surfaces, observation, np.zeros(1), SearchOptions(), 2)
+    true = observation.to_search(simulated.state.T_scan_base)
+    beside = true.copy()
+    beside[:3, 3] += true[:3, :3] @ _across(laptop.surfaces[0])[way]
+    answer = Candidates.single(beside, np.array([simulated.state.joints["lid_hinge"]]))
+    moves = repair_moves(search, answer, RepairOptions(), 0, foremost=False, turn=True)
+    assert moves is not None
+    assert np.linalg.norm((beside - true)[:3, 3]) > 0.02
+    assert np.linalg.norm((moves.bases - true)[:, :3, 3], axis=1).min() < 1e-6
+
+
+def test_only_thin_parts_have_two_sides(arm: pk.ArticulatedModel, laptop: pk.ArticulatedModel) -> None:
+    assert all(len(_across(surface)) == 2 for surface in laptop.surfaces)
+    thick = max(arm.surfaces, key=lambda surface: float(np.ptp(surface.samples, axis=0).min(initial=0.0)))
+    assert len(_across(thick)) == 0
