@@ -442,11 +442,11 @@ class AnswerSearch:
         return search.scored(best)[0] if best is not start else None
 
     def _sureness(self, solutions: Candidates) -> float:
-        """Return the confidence in the best of several answers to a scene, 0 where it is not sound."""
-        evidence = gathered(self.search, solutions.take([0]), solutions)
-        options = self.options.scene_search
-        sound = evidence.continued <= options.continued and soundness(evidence) >= options.sound
-        return confidence(evidence) if sound else 0.0
+        """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much
+        of what is near it unexplained."""
+        evidence, options = gathered(self.search, solutions.take([0]), solutions), self.options.scene_search
+        alone = evidence.left <= options.unexplained and evidence.continued <= options.continued
+        return confidence(evidence) if alone and soundness(evidence) >= options.sound else 0.0
 
     def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""

@@ -22,6 +22,9 @@ REFUTED = (0.1, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
 SIZE_GAIN = (0.025, 0.055)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
+LEFT = (0.2, 0.5)
+"""Share of what is near an answer to a scene that is left unexplained, from which on the answer is doubtful, and nothing
+worth: things may touch the model, but hardly all around."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
 BENT = 0.4
@@ -32,10 +35,12 @@ def confidence(evidence: Evidence) -> float:
     """Return the chance in [0, 1] that an answer with this evidence is right.
 
     It is the chance that the model is in the scan at all, times the chance that the answer is right if it is: two
-    logistic regressions. It fades to nothing where the points fill a volume.
+    logistic regressions. It fades to nothing where the points fill a volume, and where an answer to a scene lies among
+    much else.
     """
     chance = logistic(PRESENT, presence_features(evidence)) * logistic(RIGHT, features(evidence))
-    return on_surface(evidence) * chance
+    alone = float(np.clip((LEFT[1] - evidence.left) / (LEFT[1] - LEFT[0]), 0.0, 1.0))
+    return on_surface(evidence) * alone * chance
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:

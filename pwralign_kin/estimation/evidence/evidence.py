@@ -99,6 +99,10 @@ class Evidence:
     size_gain: float
     """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
 
+    left: float
+    """Share of what is near an answer to a scene that it leaves unexplained; 0 for scans of the model, of which
+    `strange` tells the same."""
+
 
 def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
@@ -144,6 +148,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         float(points.sum() / search.exists.sum()),
         SAME_SIZE.factor,
         SAME_SIZE.gain,
+        search.unexplained(final) if observation.scene else 0.0,
     )
 
 
