@@ -91,6 +91,7 @@ def test_surface_that_noise_does_not_explain_is_astray(
         {"refuted": 0.5},
         {"continued": 0.5},
         {"size_gain": 0.05},
+        {"left": 0.3},
     ],
     ids=lambda worse: " ".join(worse),
 )
