@@ -328,16 +328,17 @@ class AnswerSearch:
 
     def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
-        one answer is convincing or sound."""
+        one answer is convincing, or better than repair makes what the others found."""
         search, options = self.search, self.options.scene_search
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(search, candidates)])
-        several = []
+        several: list[Candidates] = []
         for look in looks[: max(1, round(options.finalists * search.share_tried))]:
+            if several and look.best.scores[0] < several[-1].scores[0] - options.gained:
+                break
             several.append(self._repaired(look))
-            best = several[-1]
-            if is_convincing(search, best.take([0]), options) or self._sureness(best) >= options.confident:
+            if is_convincing(search, several[-1].take([0]), options):
                 break
         return self._distinct(several)
 

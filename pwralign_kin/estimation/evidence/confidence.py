@@ -23,8 +23,8 @@ REFUTED = (0.1, 0.9)
 SIZE_GAIN = (0.025, 0.055)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
 LEFT = (0.2, 0.5)
-"""Share of what is near an answer to a scene that is left unexplained, from which on the answer is doubtful, and nothing
-worth: things may touch the model, but hardly all around."""
+"""Share of what is near an answer to a scene that it leaves unexplained, from which on it is doubtful, and worth
+nothing: things may touch the model, but hardly all around."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
 BENT = 0.4

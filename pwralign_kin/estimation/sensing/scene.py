@@ -27,9 +27,9 @@ MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
-PIXEL = 0.7
-"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: so far is each
-point from the next."""
+PIXEL = 0.65
+"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: points are about
+as far from the next."""
 LEAST_ON_PLANE = 30
 """Points that a plane holds at least."""
 
@@ -179,7 +179,8 @@ def close_up(
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
     kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
-    field = _field(kept, _Seen(scene.raw, scene.sensor_origin, scene.line_gap, scene.spacing), preparing, options, threads)
+    seen = _Seen(scene.raw, scene.sensor_origin, scene.line_gap, scene.spacing)
+    field = _field(kept, seen, preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
