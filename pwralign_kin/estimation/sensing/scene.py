@@ -28,8 +28,8 @@ MOST_EXTENT = 200.0
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
 PIXEL = 0.65
-"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: points are about
-as far from the next."""
+"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: points are
+about as far from the next."""
 LEAST_ON_PLANE = 30
 """Points that a plane holds at least."""
 
