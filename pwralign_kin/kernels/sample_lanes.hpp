@@ -12,10 +12,7 @@ struct PlacedLanes {
 
     PlacedLanes() = default;
     __attribute__((always_inline)) PlacedLanes(const ScanField &field, const Surface &surface, const RigidF &T, int first)
-        : place(apply(T, surface.lane_points.at(first))), code{} {
-        const IntLanes cell = field.cells_at(place);
-        for (int j = 0; j < lane_count; ++j) code[j] = field.code(cell[j]);
-    }
+        : place(apply(T, surface.lane_points.at(first))), code(field.codes_at(place)) {}
 };
 
 struct SampleLanes {
@@ -39,7 +36,7 @@ struct SampleLanes {
         const IntLanes code = placed.code;
         found = code >= 0;
         const IntLanes state = code & 3;
-        free = state == ScanField::free ? all_lanes(1) : state == ScanField::silent ? all_lanes(field.unreturned) : FloatLanes{};
+        free = state == DepthImage::free ? all_lanes(1) : state == DepthImage::silent ? all_lanes(field.unreturned) : FloatLanes{};
         store_lanes(found ? code >> 2 : IntLanes{}, nearest);
         seen = dot(field.sensor - place, own);
         if (!any_lane(found)) {

@@ -55,7 +55,12 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
     curve = along_curve(&points[0].p, 2, int64_t(points.size()), low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
     splat(truncation, threads);
-    if (has_origin) mark_unseen(depth_points, pixel, tolerance, threads);
+    if (!has_origin) return;
+    // Of what lies out of the picture a whole scene tells nothing: it is as if it were hidden right at the sensor.
+    const bool whole_scene = unreturned < 1;
+    const auto image = std::make_shared<const DepthImage>(depth_points, sensor, pixel, tolerance, whole_scene);
+    mark_unseen(*image, threads);
+    if (whole_scene) beyond = image;
 }
 
 namespace {
@@ -66,9 +71,8 @@ const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
 void ScanField::splat(float truncation, int threads) {
     if (int64_t(nx) * ny * nz >= std::numeric_limits<int>::max()) throw std::invalid_argument("the points are too far apart for cells so small");
     outside = nx * ny * nz;
-    constexpr int nothing = -4;
     cells.assign(size_t(outside) + 1, nothing);
-    cells[outside] |= silent;
+    cells[outside] |= DepthImage::silent;
     const int reach = int(truncation * inverse) + 1;
     std::vector<std::vector<int>> of_layer(nx);
     for (size_t s = 0; s < points.size(); ++s) of_layer[int((points[s].p.x - origin.x) * inverse)].push_back(int(s));
@@ -120,18 +124,18 @@ std::vector<char> pictured(const std::vector<float> &depth, int width, int heigh
 }
 } // namespace
 
-void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, float tolerance, int threads) {
-    // A depth image from the sensor origin towards the cloud; its pixels are as wide as `pixel` at the mean range.
+DepthImage::DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene)
+    : beside(whole_scene ? occluded : silent), tolerance(tolerance) {
     double mean[3] = {0, 0, 0};
-    for (const Vec &p : depth_points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
-    const double n = double(std::max<size_t>(1, depth_points.size()));
-    Vec forward = Vec{float(mean[0] / n), float(mean[1] / n), float(mean[2] / n)} - sensor;
+    for (const Vec &p : points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
+    const double n = double(std::max<size_t>(1, points.size()));
+    forward = Vec{float(mean[0] / n), float(mean[1] / n), float(mean[2] / n)} - sensor;
     const float range = std::max(norm(forward), 1e-6f);
     forward = (1 / range) * forward;
-    Vec right = cross(std::abs(forward.x) < .7f ? Vec{1, 0, 0} : Vec{0, 1, 0}, forward);
+    right = cross(std::abs(forward.x) < .7f ? Vec{1, 0, 0} : Vec{0, 1, 0}, forward);
     right = (1 / norm(right)) * right;
-    const Vec down = cross(forward, right);
-    const float focal = range / pixel;
+    down = cross(forward, right);
+    focal = range / pixel;
     auto project = [&](Vec p, float &u, float &v, float &z) {
         const Vec d = p - sensor;
         z = dot(d, forward);
@@ -140,15 +144,14 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
         return true;
     };
     float half_width = 0, half_height = 0, u, v, z;
-    for (const Vec &p : depth_points)
+    for (const Vec &p : points)
         if (project(p, u, v, z)) half_width = std::max(half_width, std::abs(u)), half_height = std::max(half_height, std::abs(v));
     // Beyond two image widths a return says nothing about the object any more.
     const float widest = 4096;
     half_width = std::min(half_width, widest), half_height = std::min(half_height, widest);
-    const int width = int(2 * half_width) + 8, height = int(2 * half_height) + 8;
-    constexpr float silence = 1e30f;
-    std::vector<float> depth(int64_t(width) * height, silence);
-    for (const Vec &p : depth_points) {
+    width = int(2 * half_width) + 8, height = int(2 * half_height) + 8;
+    depth.assign(int64_t(width) * height, silence);
+    for (const Vec &p : points) {
         if (!project(p, u, v, z)) continue;
         // A point covers the pixels that its half-pixel square touches: sparse clouds still cast whole shadows.
         for (float du = -.5f; du <= .5f; du += .5f)
@@ -159,33 +162,22 @@ void ScanField::mark_unseen(const std::vector<Vec> &depth_points, float pixel, f
                 d = std::min(d, z);
             }
     }
-    // Of what lies out of the picture a whole scene tells nothing: it is as if it were hidden right at the sensor.
-    const bool told = unreturned == 1;
-    if (!told) {
-        const std::vector<char> in_picture = pictured(depth, width, height, silence);
-        for (size_t at = 0; at < depth.size(); ++at)
-            if (!in_picture[at]) depth[at] = 0;
-    }
-    const IntLanes beside = IntLanes{} + (told ? silent : occluded);
+    if (!whole_scene) return;
+    const std::vector<char> in_picture = pictured(depth, width, height, silence);
+    for (size_t at = 0; at < depth.size(); ++at)
+        if (!in_picture[at]) depth[at] = 0;
+}
+
+void ScanField::mark_unseen(const DepthImage &image, int threads) {
     parallel_for(nx, threads, [&](int64_t i) {
         for (int j = 0; j < ny; ++j) {
             const Vec start = Vec{origin.x + (i + .5f) * cell, origin.y + (j + .5f) * cell, origin.z} - sensor;
             int *row = &cells[(i * ny + j) * nz];
             for (int k = 0; k < nz; k += lane_count) {
                 const FloatLanes along = (centres + float(k)) * cell;
-                const FloatLanes range = dot(start, forward) + along * forward.z, scale = focal / range;
-                const FloatLanes x = scale * (dot(start, right) + along * right.z) + width * .5f,
-                                 y = scale * (dot(start, down) + along * down.z) + height * .5f;
-                const IntLanes inside = first_lanes(nz - k) & (range > 1e-6f) & (x >= 0) & (y >= 0) &
-                                        (x < float(width)) & (y < float(height));
-                const IntLanes pixels = __builtin_convertvector(y, IntLanes) * width + __builtin_convertvector(x, IntLanes);
-                int pixel[lane_count];
-                store_lanes(inside ? pixels : IntLanes{}, pixel);
-                FloatLanes surface{};
-                for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
-                const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
-                const IntLanes seen = behind ? IntLanes{} + occluded : IntLanes{} + free;
-                const IntLanes state = answered ? seen : inside ? IntLanes{} + silent : beside;
+                const IntLanes state = image.states(dot(start, image.forward) + along * image.forward.z,
+                                                   dot(start, image.right) + along * image.right.z,
+                                                   dot(start, image.down) + along * image.down.z, first_lanes(nz - k));
                 // One by one at the end of the row: what follows may be another thread's.
                 if (k + lane_count <= nz) store_lanes(load_lanes(&row[k]) | state, &row[k]);
                 else

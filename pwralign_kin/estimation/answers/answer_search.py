@@ -329,16 +329,17 @@ class AnswerSearch:
 
     def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
-        one answer is convincing or sound."""
+        one answer is convincing, or better than repair makes what the others found."""
         search, options = self.search, self.options.scene_search
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(search, candidates)])
-        several = []
+        several: list[Candidates] = []
         for look in looks[: max(1, round(options.finalists * search.share_tried))]:
+            if several and look.best.scores[0] < several[-1].scores[0] - options.gained:
+                break
             several.append(self._repaired(look))
-            best = several[-1]
-            if is_convincing(search, best.take([0]), options) or self._sureness(best) >= options.confident:
+            if is_convincing(search, several[-1].take([0]), options):
                 break
         return self._distinct(several)
 
@@ -443,11 +444,11 @@ class AnswerSearch:
         return search.scored(best)[0] if best is not start else None
 
     def _sureness(self, solutions: Candidates) -> float:
-        """Return the confidence in the best of several answers to a scene, 0 where it is not sound."""
-        evidence = gathered(self.search, solutions.take([0]), solutions)
-        options = self.options.scene_search
-        sound = evidence.continued <= options.continued and soundness(evidence) >= options.sound
-        return confidence(evidence) if sound else 0.0
+        """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much
+        of what is near it unexplained."""
+        evidence, options = gathered(self.search, solutions.take([0]), solutions), self.options.scene_search
+        alone = 1.0 - evidence.explained <= options.unexplained and evidence.continued <= options.continued
+        return confidence(evidence) if alone and soundness(evidence) >= options.sound else 0.0
 
     def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""

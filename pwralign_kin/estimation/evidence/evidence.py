@@ -85,7 +85,8 @@ class Evidence:
     sight, but what it shows is like the model."""
 
     explained: float
-    """Share of the scan that lies on the model. Where it holds much else, some of that is like the model by chance."""
+    """Share of the scan, in a scene of what is near the answer, that lies on the model. Where there is much else, some
+    of that is like the model by chance."""
 
     strange: float
     """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
@@ -154,7 +155,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         confirmed * float(shares @ weights) / float(weights.sum()),
         in_sight,
         agreed,
-        float(on_model),
+        1.0 - search.unexplained(final) if observation.scene else float(on_model),
         float(strange),
         float(astray),
         refuted,

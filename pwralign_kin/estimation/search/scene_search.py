@@ -66,7 +66,9 @@ class SceneSearchOptions:
     focus: float = 0.35
     """... with the points this near (model diagonals) to each of them."""
     finalists: int = 2
-    """Looks, the best, whose answers are repaired, until one is convincing or sound, ..."""
+    """Looks, the best, whose answers are repaired, until one is convincing, ..."""
+    gained: float = 0.15
+    """... as long as what repair gains of the scores lets the next overtake it, ..."""
     rounds: int = 2
     """... and rounds of repair that they get in the scene after that."""
 

@@ -27,6 +27,9 @@ MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
+PIXEL = 0.65
+"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: points are
+about as far from the next."""
 LEAST_ON_PLANE = 30
 """Points that a plane holds at least."""
 
@@ -176,7 +179,8 @@ def close_up(
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
     kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
-    field = _field(kept, _Seen(scene.raw, scene.sensor_origin, scene.line_gap), preparing, options, threads)
+    seen = _Seen(scene.raw, scene.sensor_origin, scene.line_gap, scene.spacing)
+    field = _field(kept, seen, preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
@@ -256,7 +260,7 @@ def _observed(
     regions, areas = region[kept].astype(np.int32), cells.areas[kept]
     other = np.where(planes[kept], options.plane_weight, options.other_weight)
     weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
-    seen = _Seen(cells.raw, cells.origin, gap)
+    seen = _Seen(cells.raw, cells.origin, gap, spacing)
     field = _field(_Kept(points, normals, weights, areas, regions), seen, preparing, options, threads)
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
@@ -291,6 +295,8 @@ class _Seen:
     """(3,) where from, else None."""
     line_gap: float
     """`Observation.line_gap`"""
+    spacing: float
+    """`Observation.spacing`"""
 
 
 def _field(
@@ -298,6 +304,8 @@ def _field(
 ) -> kernels.ScanField:
     """Return the field of the points that are kept, in what was seen."""
     cell, pixel = preparing.field_cell, preparation.depth_pixel(seen.line_gap, preparing)
+    # Between sparse points there would be pixels without any, as if no ray had come back from there.
+    pixel = max(pixel, PIXEL * seen.spacing)
     while np.prod(np.ptp(kept.points, axis=0) / cell + 80) > LARGEST_FIELD:
         cell *= 1.2
     if seen.origin is not None:

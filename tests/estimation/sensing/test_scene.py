@@ -115,6 +115,33 @@ def test_surface_out_of_the_picture_has_little_against_it(excavator: pk.Articula
     assert unknown < 0.3 * free
 
 
+def test_a_scene_says_as_much_of_what_is_far_from_all_that_is_searched(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    search, answer = searching(excavator, ready), true_and_moved(excavator, scene, ready).take([0])
+    sensor = ready.scaled(np.zeros((1, 3)))[0]
+    forward = answer.bases[0, :3, 3] - sensor
+
+    def against_model(at: np.ndarray) -> float:
+        answer.bases[0, :3, 3] = at
+        support = search.scored(answer)[1][0]
+        return -float(support @ (search.weights * search.exists))
+
+    assert against_model(sensor + 0.5 * forward) > 0.6  # before everything else
+    assert against_model(sensor - forward) == 0.0  # behind the camera
+
+
+def test_gaps_between_sparse_points_say_little_against_the_model(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    points, unreturned = scene.scan.points.astype(float), SceneOptions().unreturned
+    few = np.random.default_rng(0).permutation(len(points))[: len(points) // 12]
+
+    whole = against(excavator, scene, points, unreturned)
+    assert against(excavator, scene, points[few], unreturned) < whole + 0.08
+
+
 def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
