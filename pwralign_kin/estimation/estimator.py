@@ -54,7 +54,7 @@ SEEN_THROUGH = 0.25
 """Share of points that others hide from the sensor origin from which the scan was not seen from there: up to 0.23 where
 every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
 FINELY_SEEN_THROUGH, BY_NOISE = 0.07, 12.0
-"""The same in pixels as fine as the points are dense, where the scan is of the model and nobody told its origin; or this
+"""The same in pixels as fine as the points are dense, where the scan is of the model and nobody told its origin; or so
 many times the noise (model diagonals), where that is more."""
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
