@@ -44,6 +44,8 @@ AGREED_DOUBT = 2.0
 """How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
+HARDLY_SOUND = 0.3
+"""So is one that is less sound and leaves more than that unexplained, whatever its parts explain."""
 WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
@@ -236,7 +238,11 @@ class AnswerSearch:
         as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
         if as_good > 1:
             return True
-        return not self.effort.until_agreed and self._is_convincing(best.take([0])) and self._is_close(best.take([0]))
+        if self.effort.until_agreed or not (self._is_convincing(best.take([0])) and self._is_close(best.take([0]))):
+            return False
+        # Among other things, a wrong answer may explain enough for all of its parts.
+        explained = self.search.unexplained(best.take([0])) <= UNCONVINCING
+        return explained or self._soundness(self.search, best) >= HARDLY_SOUND
 
     def _is_convincing(self, best: Candidates) -> bool:
         """Return whether an answer to a scan of the model leaves little unexplained that parts of it lack."""

@@ -50,3 +50,23 @@ def test_pieces_of_views_are_looked_at_however_sure_the_answer(
 ) -> None:
     """Where pieces are cut away, all that is left leads to one wrong answer again."""
     assert searched_again(arm, single_scan.scan, units, wrong=False, monkeypatch=monkeypatch) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("soundness", "unexplained", "settled"), [(0.1, 0.2, False), (0.1, 0.01, True), (0.5, 0.2, True)]
+)
+def test_what_is_hardly_sound_and_leaves_much_unexplained_is_searched_on(
+    search: TreeSearch,
+    arm: pk.ArticulatedModel,
+    soundness: float,
+    unexplained: float,
+    settled: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In clutter a humanoid was answered wrong, though all of its parts explained enough."""
+    answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    found = answers._once(0, search, None).best_first()
+    assert answers._is_settled(found, [found])
+    monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: soundness)
+    monkeypatch.setattr(TreeSearch, "unexplained", lambda *_: unexplained)
+    assert answers._is_settled(found, [found]) == settled
