@@ -32,6 +32,7 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import (
     Observation,
     edge_on,
+    finely_seen_through,
     is_view,
     observe,
     seen_through,
@@ -53,6 +54,9 @@ logger = logging.getLogger(__name__)
 SEEN_THROUGH = 0.25
 """Share of points that others hide from the sensor origin from which the scan was not seen from there: up to 0.23 where
 every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
+FINELY_SEEN_THROUGH, BY_NOISE = 0.07, 12.0
+"""The same in pixels as fine as the points are dense, where the scan is of the model and nobody told its origin; or so
+many times the noise (model diagonals), where that is more."""
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
 OTHER_SIDE = 0.02
@@ -288,6 +292,12 @@ class Estimator:
         scan = fit.scan.with_sensor_origin(np.zeros(3))
         if not is_view(scan) or self._is_contradicted(scan, seen_through(scan, self.model.diagonal)):
             return estimate
+        observation = fit.solver.search.observation
+        if not observation.scene:
+            noise = observation.noise
+            hidden = finely_seen_through(scan, self.model.diagonal, noise, self.threads)
+            if hidden >= max(FINELY_SEEN_THROUGH, BY_NOISE * noise):
+                return estimate  # its points are of all sides
         try:
             other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
         except (ScanError, CorrespondenceError):  # nothing that is seen from there can be the model

@@ -45,6 +45,8 @@ AGREED_DOUBT = 2.0
 """How many times as many points may be unexplained or off an answer that refinement from all scales comes to."""
 UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
+HARDLY_SOUND = 0.3
+"""So is one that is less sound and leaves more than that unexplained, whatever its parts explain."""
 WORTH_WIDE_BEAMS = 0.1
 """Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
 NEAR_TIE = 0.08
@@ -135,7 +137,8 @@ class AnswerSearch:
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
             search = self.search if attempt == 0 else self.search.tolerant()
-            several.append(self._once(self.options.seed + attempt, search, further=attempt > 0))
+            before = self._distinct(several) if several else None
+            several.append(self._once(self.options.seed + attempt, search, before))
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
@@ -236,7 +239,11 @@ class AnswerSearch:
         as_good = sum(float(best.scores[0] - own.scores[0]) < AGREE for own in several)
         if as_good > 1:
             return True
-        return not self.effort.until_agreed and self._is_convincing(best.take([0])) and self._is_close(best.take([0]))
+        if self.effort.until_agreed or not (self._is_convincing(best.take([0])) and self._is_close(best.take([0]))):
+            return False
+        # Among other things, a wrong answer may explain enough for all of its parts.
+        explained = self.search.unexplained(best.take([0])) <= UNCONVINCING
+        return explained or self._soundness(self.search, best) >= HARDLY_SOUND
 
     def _is_convincing(self, best: Candidates) -> bool:
         """Return whether an answer to a scan of the model leaves little unexplained that parts of it lack."""
@@ -255,30 +262,63 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int, search: TreeSearch, *, further: bool) -> Candidates:
-        """Search a scan of the model; `further`, with more hypotheses."""
-        found = self._found(seed, search, further=further)
+    def _once(self, seed: int, search: TreeSearch, before: Candidates | None) -> Candidates:
+        """Search a scan of the model; after a search that found others `before`, its pieces too.
+
+        These are left out, and repair, where all of the scan leads to the same answer again.
+        """
+        grown = self._grown(search, self._hypotheses(seed, search))
+        if before is None:
+            found = self._refined(search, grown)
+        elif self._is_confirmed(search, before, grown):
+            return before
+        else:
+            if "pairs" in self.options.sources:
+                with self.watch.stage("hypotheses"):
+                    in_pieces = search.piecewise_hypotheses(seed)
+                if len(in_pieces.parts) > 0:
+                    grown = Candidates.concatenate([grown, self._grown(search, in_pieces)])
+            found = self._refined(search, grown, times=2)
         with self.watch.stage("repair"):
             return self._narrowly_repaired(search, found, turn=True)
 
-    def _found(
-        self, seed: int, search: TreeSearch, start: Candidates | None = None, *, further: bool = False
-    ) -> Candidates:
-        """Return what grows from hypotheses, `further` ones too, and a configuration to `start` from, refined."""
-        with self.watch.stage("hypotheses"):
-            hypotheses = self._hypotheses(seed, search, further=further)
-            if len(hypotheses.parts) == 0:
-                if start is not None:
-                    return start
-                raise self._nothing_placed
+    def _is_confirmed(self, search: TreeSearch, before: Candidates, grown: Candidates) -> bool:
+        """Return whether what has `grown` from other samples of the scan comes to the best answer of a search `before`
+        without repair."""
+        # Through holes a view seems to look past the model: all of it may lead to one wrong answer again.
+        if search.observation.single_view:
+            return False
+        found = self._refined(search, grown).best_first()
+        both = Candidates.concatenate([before.take([0]), found.take([0])])
+        return len(search.distinct(both, 2, search.options.distinct)) == 1
+
+    def _found(self, seed: int, search: TreeSearch, start: Candidates) -> Candidates:
+        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
+        hypotheses = self._hypotheses(seed, search)
+        if len(hypotheses.parts) == 0:
+            return start
+        return self._refined(search, self._grown(search, hypotheses), start)
+
+    def _grown(self, search: TreeSearch, hypotheses: Hypotheses) -> Candidates:
+        """Return the configurations that grow from hypotheses, and from a known base. `CorrespondenceError` if there
+        are none."""
+        if len(hypotheses.parts) == 0:
+            raise self._nothing_placed
         with self.watch.stage("growth"):
             grown = search.grow(hypotheses, search.options.beam)
             if search.known.near:
                 from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
                 grown = Candidates.concatenate([from_base, grown])
+        return grown
+
+    def _refined(
+        self, search: TreeSearch, grown: Candidates, start: Candidates | None = None, *, times: int = 1
+    ) -> Candidates:
+        """Return the most promising of what has grown, so many `times` as many as usual, and a configuration to `start`
+        from, refined."""
         with self.watch.stage("refinement"):
             count = search.options.refined + search.many * search.options.more_refined
-            kept = search.sifted(grown, count * (1 + further))
+            kept = search.sifted(grown, times * count)
             if start is not None:
                 kept = Candidates.concatenate([start, kept])
             return search.scored(search.refined(kept))[0]
@@ -418,7 +458,8 @@ class AnswerSearch:
             if best is None:
                 break
             others = unlike(search, solutions, [best], search.options.distinct)
-            few = replace(self.repairing, rounds=1)
+            # The others were repaired before.
+            few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
             read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
             before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
             if after < before + READING_GAIN:
@@ -458,23 +499,22 @@ class AnswerSearch:
         together = Candidates.concatenate(several)
         return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
 
-    def _hypotheses(self, seed: int, search: TreeSearch, *, further: bool) -> Hypotheses:
-        """Return the part hypotheses that are grown, `further` ones from pieces of the scan too.
+    def _hypotheses(self, seed: int, search: TreeSearch) -> Hypotheses:
+        """Return the part hypotheses that are grown.
 
         Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
         than small ones that lie anywhere on it.
         """
-        sources = self.options.sources
-        found = self._outside(seed)
-        if "pairs" in sources:
-            found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
-        promising = search.promising(found)
-        if further and "pairs" in sources:
-            promising = Hypotheses.concatenate([promising, search.piecewise_hypotheses(seed)])
-        if "faces" not in sources:
-            return promising
-        largest = search.largest_parts(search.options.root_parts)
-        return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
+        with self.watch.stage("hypotheses"):
+            sources = self.options.sources
+            found = self._outside(seed)
+            if "pairs" in sources:
+                found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+            promising = search.promising(found)
+            if "faces" not in sources:
+                return promising
+            largest = search.largest_parts(search.options.root_parts)
+            return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
 
     def _outside(self, seed: int) -> Hypotheses:
         """Return part hypotheses from correspondences: those given, and those of the built-in features."""

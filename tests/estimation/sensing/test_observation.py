@@ -11,6 +11,7 @@ from pwralign_kin.estimation.sensing.observation import (
     ObservationOptions,
     at_most,
     edge_on,
+    finely_seen_through,
     is_view,
     median,
     observe,
@@ -116,6 +117,21 @@ def test_a_plate_in_line_with_the_sensor_does_not_contradict_its_origin() -> Non
     facing = plate[:, [2, 1, 0]]
     two = np.concatenate([facing, facing - np.array([0.5, 0.0, 0.0])])
     assert not edge_on(pk.Scan(two, sensor_origin=sensor), 1.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_even_slender_bodies_hide_their_far_sides(noise: float) -> None:
+    """They are no deeper than what mixed pixels put behind others, and passed for a view."""
+    rng = np.random.default_rng(0)
+    turn = rng.uniform(0.0, 2.0 * np.pi, 8000)
+    sides = np.stack([0.02 * np.cos(turn), rng.uniform(-0.5, 0.5, 8000), 0.02 * np.sin(turn)], axis=1)
+    sensor = np.array([1.5, 0.0, 0.0])
+    points = sides + rng.normal(scale=noise, size=sides.shape)
+    one, all_around = (pk.Scan(some, sensor_origin=sensor) for some in (points[sides[:, 0] > 0.0], points))
+    assert seen_through(all_around, 1.0) < 0.25
+    assert finely_seen_through(one, 1.0, noise, 2) < 0.03
+    assert finely_seen_through(all_around, 1.0, noise, 2) > 0.1
+    assert finely_seen_through(pk.Scan(points), 1.0, noise, 2) == 0.0
 
 
 def test_a_view_has_all_its_points_before_the_sensor() -> None:
