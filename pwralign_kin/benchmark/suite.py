@@ -50,7 +50,7 @@ ABLATION_TIERS = ("full", "hololens", "sparse", "missing", "single", PARKED)
 """Where noise, sparsity, gaps, one-sidedness and limits tell the variants apart."""
 
 FIT_ROBOTS = (
-    "kinova", "so101", "finger_edu", "anymal_c_simple_anymal", "hyq_no_sensors", "go1", "solo", "simple_humanoid",
+    "kinova", "so101", "finger_edu", "anymal_c_simple_anymal", "hyq_no_sensors", "go1", "solo", "human",
     "double_pendulum_simple", "cubebot", "viking_lander", "excavator", "cabinet", "door", "laptop",
 )  # fmt: skip
 """What the confidence is fitted to: arms, legs, a humanoid, boxes, plates; none that the calibration is measured on."""
