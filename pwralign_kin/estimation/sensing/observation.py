@@ -116,8 +116,8 @@ class Observation:
     """Median distance of a point to its sixth neighbour."""
     noise: float
     """Standard deviation of the given points from their local planes."""
-    line_gap: float
-    """Distance of the scan lines of a spinning sensor, where many points' neighbours are on their own line, else 0."""
+    depth_pixel: float
+    """Pixel of the depth image, at the mean range of what was seen."""
     sensor_origin: Float | None
     """(3,) where the whole scan was seen from one place, else None."""
     field: Any
@@ -192,16 +192,17 @@ def observe(
         normals = np.where(turned[:, None], -normals, normals)
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    pixel = depth_pixel(gap, options)
     field = kernels.ScanField(
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        depth_pixel(gap, options), options.depth_tolerance, options.shadow, 1.0, threads,
+        pixel, options.depth_tolerance, options.shadow, 1.0, threads,
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
-        noise, gap, origin, field, centre, diagonal,
+        noise, pixel, origin, field, centre, diagonal,
     )  # fmt: skip
 
 

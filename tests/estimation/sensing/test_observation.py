@@ -69,8 +69,8 @@ def test_normals_of_scan_lines_are_of_the_surface_between_them() -> None:
 def test_sparse_points_are_on_no_scan_lines() -> None:
     wall = np.column_stack([RNG.uniform(-2, 2, (4000, 2)), np.full(4000, -3.0)]) + 0.002 * RNG.normal(size=(4000, 3))
     both = np.concatenate([sphere(8000, 0.002), wall])
-    assert prepared(both, stray_distance=9.0, remove_planes=False).line_gap == 0.0
-    assert prepared(scan_lines(0.002)[0]).line_gap > 0.02
+    assert prepared(both, stray_distance=9.0, remove_planes=False).depth_pixel == ObservationOptions().depth_pixel
+    assert prepared(scan_lines(0.002)[0]).depth_pixel > 0.014
 
 
 def test_details_do_not_count_as_noise() -> None:
