@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from pwralign_kin.state import State
 logger = logging.getLogger(__name__)
 
 Bool = NDArray[np.bool_]
+Answer = tuple[Fit, Estimate]
 
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
@@ -50,14 +52,15 @@ def estimated(
     """Return the estimate of one scan."""
     warn_of_rounding(scan, estimator.model.diagonal)
     fit = estimator.fit(scan, initial, correspondences)
-    fit, estimate = _from_other_sides(estimator, fit, estimator.finished(fit))
-    for look in (_beside_surroundings, _without_sensor_origin, _seen_from_own_origin, _against_mirror_image):
-        estimate = look(estimator, fit, estimate)
+    estimate = estimator.finished(fit)
+    for look in (_from_other_sides, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin):
+        fit, estimate = look(estimator, fit, estimate)
+    estimate = _against_mirror_image(estimator, fit, estimate)
     warn_of_size(scan, estimate)
     return estimate
 
 
-def _from_other_sides(estimator: Estimator, fit: Fit, estimate: Estimate) -> tuple[Fit, Estimate]:
+def _from_other_sides(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
     """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from one
     side only, and return the best."""
     observation = fit.solver.search.observation
@@ -89,16 +92,18 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
     try:
         from_answer = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, turned=turned)
-        if from_answer.finished.scores[0] <= enough:
-            return None
-        anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
-    better = anew if anew.finished.scores[0] > enough else from_answer
-    return replace(better, initial=fit.initial, prior=fit.prior)
+    if from_answer.finished.scores[0] <= enough:
+        return None
+    with suppress(ScanError, CorrespondenceError):
+        anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned)
+        if anew.finished.scores[0] > enough:
+            return anew
+    return replace(from_answer, initial=fit.initial, prior=fit.prior)
 
 
-def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> Estimate:
+def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
     """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
 
     The patch draws parts of the model to it, and passes for a sign that something else was scanned.
@@ -106,7 +111,7 @@ def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> 
     model, options = estimator.model, estimator.options
     observation, evidence = fit.solver.search.observation, estimate.evidence
     if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
-        return estimate
+        return fit, estimate
     near = without_far_points(fit.scan, model.reach)
     left = estimate.scan_labels[near.source_index] < 0
     left &= was_prepared(observation, near.points, options.observation)
@@ -114,20 +119,20 @@ def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> 
         near, left, model.surfaces, model.diagonal, options.observation, options.scene, estimator.threads
     )
     other = _again(estimator, fit, near, surroundings) if surroundings.any() else None
-    if other is None or soundness(other.evidence) <= soundness(estimate.evidence):
-        return estimate
-    return other if other.confidence >= estimate.confidence else estimate
+    if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
+        return fit, estimate
+    return other if other[1].confidence >= estimate.confidence else (fit, estimate)
 
 
-def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Estimate:
+def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
     """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and return
     that answer if it is good: the origin must be wrong."""
     observation = fit.solver.search.observation
     if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
-        return estimate
+        return fit, estimate
     other = _again(estimator, fit, fit.scan.without_sensor_origin())
-    if other is None or soundness(other.evidence) < SIGHTED:
-        return estimate
+    if other is None or soundness(other[1].evidence) < SIGHTED:
+        return fit, estimate
     logger.warning(
         "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
         "frame of the scan?",
@@ -136,29 +141,29 @@ def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -
     return other
 
 
-def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Estimate:
+def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
     """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were seen
     from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
     known, observation = fit.scan.sensor_origin is not None, fit.solver.search.observation
     if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
-        return estimate
+        return fit, estimate
     scan, diagonal = fit.scan.with_sensor_origin(np.zeros(3)), estimator.model.diagonal
     if not is_view(scan) or contradicting(scan, diagonal):
-        return estimate
+        return fit, estimate
     if not observation.scene and is_of_all_sides(scan, diagonal, observation.noise, estimator.threads):
-        return estimate
+        return fit, estimate
     other = _again(estimator, fit, scan)
-    if other is None or soundness(other.evidence) < SIGHTED or other.confidence < estimate.confidence:
-        return estimate
+    if other is None or soundness(other[1].evidence) < SIGHTED or other[1].confidence < estimate.confidence:
+        return fit, estimate
     logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
     return other
 
 
-def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Estimate | None:
-    """Return the estimate of the scan of a `fit` as it is supposed to be; None if nothing of it can be of the model."""
+def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
+    """Return the answer to the scan of a `fit` as it is supposed to be; None if nothing of it can be of the model."""
     try:
         other = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch, surroundings)
-        return estimator.finished(other)
+        return other, estimator.finished(other)
     except (ScanError, CorrespondenceError):
         return None
 
@@ -179,6 +184,8 @@ def _against_mirror_image(estimator: Estimator, fit: Fit, estimate: Estimate) ->
         quick = Estimator(estimator.model, replace(options, effort="fast"))
         image = quick.fit(fit.scan.mirrored(), None, None, fit.watch)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+        return estimate
+    if image.solver.search.observation.scene:  # its scores do not compare
         return estimate
     evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
     if evidence.mirrored > MIRRORED[0]:

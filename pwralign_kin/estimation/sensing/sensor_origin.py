@@ -27,6 +27,8 @@ FINE_DEPTH, FINE_NOISE = 3.0, 4.0
 (surface that is seen edge-on rises less), and so many standard deviations of the noise more."""
 WIDEST_VIEW, OUT_OF_VIEW = float(np.radians(70.0)), 0.005
 """Angle from the middle of what a camera sees beyond which no more than this share of its points are: strays."""
+LEAST_PIXEL = 1e-6
+"""Where most points lie behind each other."""
 
 
 def contradicting(scan: Scan, diagonal: float) -> float:
@@ -65,7 +67,7 @@ def finely_seen_through(scan: Scan, diagonal: float, noise: float, threads: int)
         return 0.0
     ranges, directions = _rays(scan, origin, diagonal)
     seen = np.ascontiguousarray(directions * _middle_range(ranges), np.float32)
-    width = median(sixth_neighbour(seen, threads))
+    width = max(median(sixth_neighbour(seen, threads)), LEAST_PIXEL)
     return float(_hidden(ranges, _pixels(ranges, directions, width), FINE_DEPTH * width + FINE_NOISE * noise).mean())
 
 
