@@ -23,7 +23,7 @@ LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
 
 ESTIMATION = (
     "stopwatch", "sensing", "knowledge", "search", "refinement", "evidence", "options", "result", "answers", "doubt",
-    "stages", "reporting", "estimator", "shared_base", "entry",
+    "stages", "reporting", "estimator", "second_looks", "shared_base", "entry",
 )  # fmt: skip
 """The folders and modules of the estimation, each on what stands before it."""
 

@@ -80,5 +80,6 @@ def test_every_file_and_figure_of_the_result_is_explained(readme: str, repositor
     for path in Path("out").iterdir():
         assert f"`{path.name}`" in readme
     told = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
-    for key in json.loads(Path("out/estimate.json").read_text(encoding="utf-8")):
+    result = json.loads(Path("out/estimate.json").read_text(encoding="utf-8"))
+    for key in (*result, *result["evidence"]):
         assert f"`{key}`" in told

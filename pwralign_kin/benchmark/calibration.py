@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pwralign_kin.benchmark.evidence import JointDoubt
+from pwralign_kin.benchmark.methods import HASTY_NAME
 from pwralign_kin.benchmark.pictures import COLOURS, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Outcome
 from pwralign_kin.benchmark.table import figure, markdown, share
@@ -122,7 +123,7 @@ def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
     values = [confidence.features(own) for own in evidence]
     there = np.array([logistic(tuple(present), confidence.presence_features(own)) for own in evidence])
     right = np.array([own.score.overlay for own in outcomes], float)
-    weights = np.where([own.method == "hasty" for own in outcomes], HASTY_WEIGHT, 1.0)
+    weights = np.where([own.method == HASTY_NAME for own in outcomes], HASTY_WEIGHT, 1.0)
     blamed = np.ones(len(outcomes))
     for _ in range(ROUNDS):
         coefficients = _logistic_regression(values, right, weights * blamed, RIDGE)

@@ -50,6 +50,9 @@ class Answer:
 
 DEFAULT = Method("as it comes")
 
+HASTY_NAME = "hasty"
+"""How answers of this one are told from those of the estimator as it comes."""
+
 HASTY = Method(
     "few hypotheses, narrow beams, no repair",
     EstimatorOptions(

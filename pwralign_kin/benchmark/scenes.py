@@ -33,6 +33,7 @@ ROOMS: Mapping[str, Room] = MappingProxyType(
 
 
 METHOD = "in a room"
+"""How answers to scenes are named among those of other tiers."""
 
 
 @dataclass(frozen=True)

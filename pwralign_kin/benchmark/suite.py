@@ -36,7 +36,7 @@ from pwralign_kin.benchmark.cases import (
     sample_names,
     simulated_case,
 )
-from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, HASTY, Method, with_outside_pairs
+from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, HASTY, HASTY_NAME, Method, with_outside_pairs
 from pwralign_kin.benchmark.peers import CONTENDERS
 from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate, tier_cases
 from pwralign_kin.benchmark.table import markdown
@@ -56,6 +56,7 @@ FIT_ROBOTS = (
 """What the confidence is fitted to: arms, legs, a humanoid, boxes, plates; none that the calibration is measured on."""
 
 FIT_ROOMS = ("furniture", "contact")
+"""Whole rooms with the model, that it is fitted to besides."""
 
 CORRESPONDENCE_TIERS = ("full", "single")
 OUTSIDE_PAIRS = ((1000, 0.6), (100, 0.6), (100, 1.0))
@@ -192,7 +193,8 @@ def confidence_fit(settings: Settings, progress: Progress) -> Result:
     outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
     outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
     outcomes += _evaluate(settings, robots, FEW, {"default": DEFAULT}, progress, 1)
-    outcomes += _evaluate(settings, robots, [tier for tier in TIERS if tier != "warm"], {"hasty": HASTY}, progress, 1)
+    without_guess = [tier for tier in TIERS if tier != "warm"]
+    outcomes += _evaluate(settings, robots, without_guess, {HASTY_NAME: HASTY}, progress, 1)
     outcomes += scenes.as_cases(models(settings.samples, robots), FIT_ROOMS, settings.threads, progress)
     given = [own for own in outcomes if own.evidence]
     by_method = dict(summaries.grouped(given, lambda own: own.method))

@@ -10,6 +10,7 @@ from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.result import Estimate
+from pwralign_kin.estimation.second_looks import estimated
 from pwralign_kin.estimation.shared_base.shared_base import SharedBaseEstimate, estimate_shared_base
 from pwralign_kin.exceptions import StateError
 from pwralign_kin.model import ArticulatedModel
@@ -62,7 +63,7 @@ def estimate(
                 "one scan takes one guess (a State) and one set of Correspondences, got "
                 f"{type(initial).__name__} and {type(correspondences).__name__}"
             )
-        return Estimator(model, options, progress).run(scan, initial, correspondences)
+        return estimated(Estimator(model, options, progress), scan, initial, correspondences)
     if isinstance(correspondences, Correspondences):
         raise StateError("several scans take one set of correspondences each")
     initials = initial if isinstance(initial, Sequence) else [initial] * len(scan)

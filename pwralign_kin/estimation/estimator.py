@@ -1,4 +1,4 @@
-"""The whole estimate: observe, hypothesise, grow, refine, repair, solve, judge."""
+"""From a scan to an answer: observe, hypothesise, grow, refine, repair, solve, judge."""
 
 from __future__ import annotations
 
@@ -13,69 +13,38 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
-from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.doubt.observability import doubted
-from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.other_size import other_size
-from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
-from pwralign_kin.estimation.knowledge.prior import JOINT_REACH, BasePrior
+from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import likeliest
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.reporting import reported, state_of
+from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import (
-    Observation,
-    edge_on,
-    finely_seen_through,
-    is_view,
-    observe,
-    seen_through,
-    was_prepared,
-    without_far_points,
-)
-from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
+from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene
+from pwralign_kin.estimation.sensing.sensor_origin import contradicting
 from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.scan import Scan, warn_of_rounding
+from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import point_text
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
-SEEN_THROUGH = 0.25
-"""Share of points that others hide from the sensor origin from which the scan was not seen from there: up to 0.23 where
-every pixel at a depth edge mixes both sides, 0.28 and more where the origin is another's, or one of several."""
-FINELY_SEEN_THROUGH, BY_NOISE = 0.07, 12.0
-"""The same in pixels as fine as the points are dense, where the scan is of the model and nobody told its origin; or so
-many times the noise (model diagonals), where that is more."""
-BLIND, SIGHTED = 0.1, 0.5
-"""Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
-OTHER_SIDE = 0.02
-"""Score by which an answer must be better for the other side of a part to have been seen: 0.08 and more where it was,
-less than none where it was not."""
-OTHER_SIDES = 3
-"""How often in a row other sides are taken, at most: of one part, or of all."""
 OUTLINED = 0.06
 """Mean displacement of the surface (model diagonals) within which an answer and what the search ended with are one, but
 for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
-PATCHED, STRANGE = 0.5, 0.05
-"""Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
 UNLIKE = 0.03
 """Share of strange and astray points from which the size of the model is doubted."""
-OF_OTHER_HAND = 0.02
-"""Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
-much, and nearly all to mirror images of models that are not their own."""
-OF_THE_MODEL = 0.8
-"""Share of explained points from which the scan is of the model: among much else, what is strange is of that."""
 CLEARLY = 0.04
 """Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
 is right, 0.05 to 0.3 where it is 7 to 15% off."""
@@ -108,22 +77,6 @@ class Estimator:
         self.prior_std = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names])
         self.prior_std /= model.joint_scales
 
-    def run(self, scan: Scan, initial: State | None, correspondences: Correspondences | None) -> Estimate:
-        """Return the estimate of one scan."""
-        warn_of_rounding(scan, self.model.diagonal)
-        watch = Stopwatch(self.progress)
-        fit = self.fit(scan, initial, correspondences, watch)
-        estimate = self._finished(fit, initial)
-        fit, estimate = self._from_other_sides(fit, estimate, initial, correspondences)
-        estimate = self._beside_surroundings(fit, estimate, initial, correspondences)
-        estimate = self._without_sensor_origin(fit, estimate, initial, correspondences)
-        estimate = self._seen_from_own_origin(fit, estimate, initial, correspondences)
-        if initial is None and correspondences is None:
-            estimate = self._against_mirror_image(fit, estimate)
-        warn_of_size(scan, estimate)
-        warn_of_mirror_image(scan, estimate)
-        return estimate
-
     def fit(
         self,
         scan: Scan,
@@ -153,100 +106,32 @@ class Estimator:
         with watch.stage("finish"):
             finished = answers.finished(solutions)
         solver = JointLeastSquares(self.model, answers.search, lower, upper, self.options.least_squares)
-        return Fit(scan, solver, finished, prior, watch)
+        return Fit(scan, initial, correspondences, solver, finished, prior, watch)
 
-    def _finished(self, fit: Fit, initial: State | None) -> Estimate:
+    def finished(self, fit: Fit) -> Estimate:
         """Return the estimate that a search makes, or its rivals if the points prefer one."""
-        judged, equal = self._settled(fit, initial)
+        judged, equal = self._settled(fit)
         with fit.watch.stage("contest"):
             finished = contested(
                 fit.solver, judged.solution.configuration, judged.evidence, fit.finished, equal, self.options
             )
         if finished is not None:
             fit = replace(fit, finished=finished)
-            judged, equal = self._settled(fit, initial)
+            judged, equal = self._settled(fit)
         return reported(fit, judged, equal, self.options)
 
-    def _settled(self, fit: Fit, initial: State | None) -> tuple[Judged, Candidates]:
+    def _settled(self, fit: Fit) -> tuple[Judged, Candidates]:
         """Return the best answer solved and judged, and those that look alike."""
         with fit.watch.stage("least squares"):
             solution = self._solve(fit.solver, fit.finished)
         with fit.watch.stage("equal answers"):
-            solution, equal = self._chosen(fit, solution, initial)
+            solution, equal = self._chosen(fit, solution)
         return self._judged(fit, solution), equal
-
-    def _from_other_sides(
-        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
-    ) -> tuple[Fit, Estimate]:
-        """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from
-        one side only, and return the best."""
-        observation = fit.solver.search.observation
-        if observation.scene or fit.scan.sensor_origin is not None:
-            return fit, estimate
-        first, turned = fit, np.zeros(len(observation.points), bool)
-        tried = {turned.tobytes()}
-        for _ in range(OTHER_SIDES):
-            parts = turned_over(fit.solver.search, fit.finished.take([0]))
-            several = [np.any(parts, axis=0)] if len(parts) > 1 else []
-            best, now = fit, turned
-            for over in several + parts:
-                other = turned ^ over
-                if other.tobytes() in tried:
-                    continue
-                tried.add(other.tobytes())
-                found = self._with_turned(other, fit, initial, correspondences)
-                if found is not None and found.finished.scores[0] > best.finished.scores[0]:
-                    best, now = found, other
-            if best is fit:
-                break
-            fit, turned = best, now
-        return (fit, estimate) if fit is first else (fit, self._finished(fit, initial))
-
-    def _with_turned(
-        self, turned: NDArray[np.bool_], fit: Fit, initial: State | None, correspondences: Correspondences | None
-    ) -> Fit | None:
-        """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
-        observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
-        answer = state_of(self.model, observation, fit.finished.bases[0], fit.finished.values[0])
-        try:
-            from_answer = self.fit(fit.scan, answer, correspondences, fit.watch, turned=turned)
-            if from_answer.finished.scores[0] <= enough:
-                return None
-            anew = self.fit(fit.scan, initial, correspondences, fit.watch, turned=turned)
-        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
-            return None
-        return anew if anew.finished.scores[0] > enough else from_answer
-
-    def _beside_surroundings(
-        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
-    ) -> Estimate:
-        """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
-
-        The patch draws parts of the model to it, and passes for a sign that something else was scanned.
-        """
-        observation, evidence = fit.solver.search.observation, estimate.evidence
-        if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
-            return estimate
-        near = without_far_points(fit.scan, self.model.reach)
-        left = estimate.scan_labels[near.source_index] < 0
-        left &= was_prepared(observation, near.points, self.options.observation)
-        surroundings = surroundings_of(
-            near, left, self.model.surfaces, self.model.diagonal, self.options.observation, self.options.scene,
-            self.threads,
-        )  # fmt: skip
-        if not surroundings.any():
-            return estimate
-        try:
-            other = self._finished(self.fit(near, initial, correspondences, fit.watch, surroundings), initial)
-        except (ScanError, CorrespondenceError):  # nothing is left beside the surroundings
-            return estimate
-        sounder = soundness(other.evidence) > soundness(estimate.evidence)
-        return other if sounder and other.confidence >= estimate.confidence else estimate
 
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
-        hidden = seen_through(scan, self.model.diagonal)
-        if not self._is_contradicted(scan, hidden):
+        hidden = contradicting(scan, self.model.diagonal)
+        if not hidden:
             return scan
         logger.warning(
             "%s: its sensor origin is not used: from there, %.0f%% of the points are behind others; is it in the frame "
@@ -254,77 +139,6 @@ class Estimator:
             scan.source, 100.0 * hidden,
         )  # fmt: skip
         return scan.without_sensor_origin()
-
-    def _is_contradicted(self, scan: Scan, hidden: float) -> bool:
-        """Return whether points `hidden` by others, this share, speak against the sensor origin."""
-        return hidden >= SEEN_THROUGH and not edge_on(scan, self.model.diagonal)
-
-    def _without_sensor_origin(
-        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
-    ) -> Estimate:
-        """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and
-        return that answer if it is good: the origin must be wrong."""
-        observation = fit.solver.search.observation
-        if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
-            return estimate
-        scan = fit.scan.without_sensor_origin()
-        try:
-            other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
-        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
-            return estimate
-        if soundness(other.evidence) < SIGHTED:
-            return estimate
-        logger.warning(
-            "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
-            "frame of the scan?",
-            scan.source,
-        )
-        return other
-
-    def _seen_from_own_origin(
-        self, fit: Fit, estimate: Estimate, initial: State | None, correspondences: Correspondences | None
-    ) -> Estimate:
-        """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were
-        seen from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
-        known = fit.scan.sensor_origin is not None
-        if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
-            return estimate
-        scan = fit.scan.with_sensor_origin(np.zeros(3))
-        if not is_view(scan) or self._is_contradicted(scan, seen_through(scan, self.model.diagonal)):
-            return estimate
-        observation = fit.solver.search.observation
-        if not observation.scene:
-            noise = observation.noise
-            hidden = finely_seen_through(scan, self.model.diagonal, noise, self.threads)
-            if hidden >= max(FINELY_SEEN_THROUGH, BY_NOISE * noise):
-                return estimate  # its points are of all sides
-        try:
-            other = self._finished(self.fit(scan, initial, correspondences, fit.watch), initial)
-        except (ScanError, CorrespondenceError):  # nothing that is seen from there can be the model
-            return estimate
-        if soundness(other.evidence) < SIGHTED or other.confidence < estimate.confidence:
-            return estimate
-        logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
-        return other
-
-    def _against_mirror_image(self, fit: Fit, estimate: Estimate) -> Estimate:
-        """Hold an answer that leaves points strange or astray against one to the mirror image of the scan, which some
-        programs write: their coordinates are left-handed.
-
-        What is known in the frame of the scan tells its hand, or would have to be mirrored with it.
-        """
-        evidence, options = estimate.evidence, self.options
-        told = options.base != BasePrior() or options.region is not None or options.near is not None
-        odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
-        if told or not odd or fit.solver.search.observation.scene:
-            return estimate
-        try:
-            quick = Estimator(self.model, replace(options, effort="fast"))
-            image = quick.fit(fit.scan.mirrored(), None, None, fit.watch)
-        except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
-            return estimate
-        evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
-        return replace(estimate, evidence=evidence, confidence=confidence(evidence))
 
     def concluded(self, fit: Fit, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
@@ -437,7 +251,7 @@ class Estimator:
             return Solution(base, values, problem, True, 0)
         return solved(solver, base, solver.limited(values))
 
-    def _chosen(self, fit: Fit, solution: Solution, initial: State | None) -> tuple[Solution, Candidates]:
+    def _chosen(self, fit: Fit, solution: Solution) -> tuple[Solution, Candidates]:
         """Return which of the answers that look alike is meant, by a guess or by likelihood, and the others."""
         search = fit.solver.search
         answer = solution.configuration
@@ -445,10 +259,10 @@ class Estimator:
         if len(equal) == 0 or search.known.held:
             return solution, equal
         several = Candidates.concatenate([answer, equal])
-        if initial is None:
+        if fit.initial is None:
             chosen = likeliest(fit.solver, several, fit.prior)
         else:
-            base = search.observation.to_search(self.model.root_placement(initial))
+            base = search.observation.to_search(self.model.root_placement(fit.initial))
             guess = Candidates.single(base, fit.prior)
             apart = search.probe_positions(several) - search.probe_positions(guess)
             chosen = int(np.argmin(np.linalg.norm(apart, axis=-1).reshape(len(several), -1).mean(axis=1)))
@@ -464,16 +278,6 @@ def warn_of_size(scan: Scan, estimate: Estimate) -> None:
             "%s: the points lie better on a model about %.2f times as large: is the scan to scale, and the model the "
             "right variant?",
             scan.source, estimate.evidence.size,
-        )  # fmt: skip
-
-
-def warn_of_mirror_image(scan: Scan, estimate: Estimate) -> None:
-    """Log that the mirror image of the points clearly makes more of the model than they do."""
-    if estimate.evidence.mirrored > MIRRORED[0]:
-        logger.warning(
-            "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, turn "
-            "the sign of one axis",
-            scan.source,
         )  # fmt: skip
 
 

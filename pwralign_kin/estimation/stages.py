@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.evidence import Evidence
+from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
+from pwralign_kin.state import State
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,10 @@ class Fit:
     """One scan searched: the state of an estimate before the joint least squares."""
 
     scan: Scan
+    initial: State | None
+    """The guess that it was searched from, if any."""
+    correspondences: Correspondences | None
+    """Those of an outside matcher that it was searched with, if any."""
     solver: JointLeastSquares
     finished: Candidates
     """Distinct answers, best first."""

@@ -7,6 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from pwralign_kin.estimation import Estimate, EstimatorOptions
 from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.second_looks import estimated
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import DepthFrame, Scan
@@ -73,7 +74,7 @@ class Recovery:
         try:
             scan = frame.to_scan() if isinstance(frame, DepthFrame) else frame
             scan = scan if isinstance(scan, Scan) else Scan(scan)
-            return self._estimator.run(scan, guess, None)
+            return estimated(self._estimator, scan, guess, None)
         except (ScanError, CorrespondenceError) as error:  # too little is seen
             logger.debug("search: %s", error)
             return None

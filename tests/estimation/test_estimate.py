@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation import Correspondences, estimator
+from pwralign_kin.estimation import Correspondences, second_looks
 from pwralign_kin.estimation.answers import answer_search
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.search.candidates import Candidates
@@ -471,7 +471,7 @@ def test_a_scan_of_all_sides_is_not_taken_for_a_cameras_own_frame(
         return found
 
     monkeypatch.setattr(AnswerSearch, "without_guess", misled)
-    monkeypatch.setattr(estimator, "seen_through", lambda *_: 0.0)
+    monkeypatch.setattr(second_looks, "contradicting", lambda *_: 0.0)
     away = full_scan.scan.points - full_scan.scan.points.mean(axis=0) + np.array([2.0 * arm.diagonal, 0.0, 0.0])
     pk.estimate(arm, pk.Scan(away))
     assert views

@@ -137,8 +137,9 @@ class AnswerSearch:
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
             search = self.search if attempt == 0 else self.search.tolerant()
-            before = self._distinct(several) if several else None
-            several.append(self._once(self.options.seed + attempt, search, before))
+            seed = self.options.seed + attempt
+            found = self._once_more(seed, search, self._distinct(several)) if several else self._once(seed)
+            several.append(found)
             several = [search.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
@@ -262,23 +263,29 @@ class AnswerSearch:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int, search: TreeSearch, before: Candidates | None) -> Candidates:
-        """Search a scan of the model; after a search that found others `before`, its pieces too.
+    def _once(self, seed: int) -> Candidates:
+        """Search a scan of the model. `CorrespondenceError` if no part fits."""
+        hypotheses = self._hypotheses(seed, self.search)
+        if len(hypotheses.parts) == 0:
+            raise self._nothing_placed
+        found = self._refined(self.search, self._grown(self.search, hypotheses))
+        with self.watch.stage("repair"):
+            return self._narrowly_repaired(self.search, found, turn=True)
 
-        These are left out, and repair, where all of the scan leads to the same answer again.
-        """
-        grown = self._grown(search, self._hypotheses(seed, search))
-        if before is None:
-            found = self._refined(search, grown)
-        elif self._is_confirmed(search, before, grown):
-            return before
-        else:
-            if "pairs" in self.options.sources:
-                with self.watch.stage("hypotheses"):
-                    in_pieces = search.piecewise_hypotheses(seed)
-                if len(in_pieces.parts) > 0:
-                    grown = Candidates.concatenate([grown, self._grown(search, in_pieces)])
-            found = self._refined(search, grown, times=2)
+    def _once_more(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
+        """Search a scan of the model by other samples, and its pieces too; return what was found `before` where all of
+        the scan leads to the same answer again."""
+        several, hypotheses = [before], self._hypotheses(seed, search)
+        if len(hypotheses.parts) > 0:
+            several = [self._grown(search, hypotheses)]
+            if self._is_confirmed(search, before, several[0]):
+                return before
+        if "pairs" in self.options.sources:
+            with self.watch.stage("hypotheses"):
+                in_pieces = search.piecewise_hypotheses(seed)
+            with self.watch.stage("growth"):
+                several += [search.grow(in_pieces, search.options.beam)] if len(in_pieces.parts) > 0 else []
+        found = self._refined(search, Candidates.concatenate(several), times=2)
         with self.watch.stage("repair"):
             return self._narrowly_repaired(search, found, turn=True)
 
@@ -300,10 +307,7 @@ class AnswerSearch:
         return self._refined(search, self._grown(search, hypotheses), start)
 
     def _grown(self, search: TreeSearch, hypotheses: Hypotheses) -> Candidates:
-        """Return the configurations that grow from hypotheses, and from a known base. `CorrespondenceError` if there
-        are none."""
-        if len(hypotheses.parts) == 0:
-            raise self._nothing_placed
+        """Return the configurations that grow from hypotheses, and from a known base."""
         with self.watch.stage("growth"):
             grown = search.grow(hypotheses, search.options.beam)
             if search.known.near:
@@ -376,7 +380,8 @@ class AnswerSearch:
             return self._distinct([priced(search, candidates)])
         several: list[Candidates] = []
         for look in looks[: max(1, round(options.finalists * search.share_tried))]:
-            if several and look.best.scores[0] < several[-1].scores[0] - options.gained:
+            best = max((float(own.scores[0]) for own in several), default=-np.inf)
+            if look.best.scores[0] < best - options.gained:
                 break
             several.append(self._repaired(look))
             if is_convincing(search, several[-1].take([0]), options):

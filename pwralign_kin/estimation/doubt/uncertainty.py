@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.refinement.joint_least_squares import Problem, inverse_of, normal_matrix
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import Float, Ints, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.patches import patches
 from pwralign_kin.se3 import Array
 
 PROBE_TURN = float(np.radians(5.0))
@@ -39,10 +40,9 @@ as evenly as is assumed."""
 LEAST_CORRELATED = 2e-4
 """Least standard deviation of the error that all points of a part share (model diagonals). These two, and the next: by
 joint errors of simulated and real scans, of which 90 to 99% are within two std, in every tier."""
-PATCH, POINTS_OF_PATCH, MOST_ABSORBED = 0.2, 5, 0.7
-"""Systematic errors are thought to be alike within a cell of this side (model diagonals) on one part, if it holds so
-many points. Base and joints follow them where they can, and take up as large a share of their variance as they are many
-against such patches; at most this."""
+POINTS_OF_PATCH, MOST_ABSORBED = 5, 0.7
+"""Systematic errors are thought to be alike within a patch of so many points. Base and joints follow them where they
+can, and take up as large a share of their variance as they are many against such patches; at most this."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,9 @@ def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> 
     systematic = float(np.sqrt(max(search.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
     seen = problem.counts >= LEAST_POINTS
     unknowns = 6 + int((np.abs(problem.J[seen, :, 6:]) > 0.0).any(axis=(0, 1)).sum())
-    absorbed = unknowns / max(_patches(given[part >= 0], part[part >= 0]), 1)
+    counts = np.bincount(patches(given[part >= 0], part[part >= 0]))
+    absorbed = unknowns / max(int((counts >= POINTS_OF_PATCH).sum()), 1)
     return Errors(noise, systematic, min(absorbed, MOST_ABSORBED))
-
-
-def _patches(points: Float, parts: Ints) -> int:
-    """Return into how many patches points (n, 3) on parts (n,) fall."""
-    cells = np.floor(points / PATCH).astype(np.int64)
-    cells -= cells.min(axis=0, initial=0)
-    x, y, z = cells.T
-    sides = cells.max(axis=0, initial=0) + 1
-    counts = np.bincount(((parts * sides[0] + x) * sides[1] + y) * sides[2] + z)
-    return int((counts >= POINTS_OF_PATCH).sum())
 
 
 def undetermined_joints(

@@ -13,6 +13,7 @@ from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import continued, continued_beside
 from pwralign_kin.estimation.search.tree_search import ALIKE, BAND, TreeSearch
 from pwralign_kin.estimation.sensing.observation import median
+from pwralign_kin.estimation.sensing.patches import patches
 
 LEAST_POINTS = 8
 """Scan points that a part must explain to count as seen, ..."""
@@ -33,8 +34,6 @@ PROBES = 40
 BLUR, REACH = 0.012, BAND
 """Distances (model diagonals) from a surface at which, besides the noise, a point lies on it less well, and not at all,
 when answer and rivals are told apart."""
-PATCH = 0.2
-"""Side of the cells (model diagonals) within which points of one part share the errors that noise does not explain."""
 UNSHARED = 0.0025
 """Residual beyond the noise (model diagonals) that answers leave which are merely wrong somewhere."""
 SURFACE_NOISE, VOLUME_NOISE = 0.025, 0.035
@@ -266,16 +265,10 @@ def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float6
     better = sums < 0.0
     shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
     if better.any() and shared > 0.0:
-        patch = _patches(given, search.given_owners(compared.take([0]))[1])
+        patch = patches(given, search.given_owners(compared.take([0]))[1])
         together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
         variances[better] += shared * np.maximum(together - variances[better], 0.0)
     return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
-
-
-def _patches(points: NDArray[np.float32], parts: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return which patch of surface each of the points (n, 3) is in, which lie on the `parts` (n,)."""
-    cells = np.column_stack([np.floor(points / PATCH).astype(np.int64), parts])
-    return np.asarray(np.unique(cells, axis=0, return_inverse=True)[1].ravel(), np.int64)
 
 
 def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:

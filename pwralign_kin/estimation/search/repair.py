@@ -1,4 +1,5 @@
-"""Repair: regrow the subtrees around badly supported parts, re-root at the well supported, turn the largest around."""
+"""Repair: regrow the subtrees around badly supported parts, re-root at the well supported, turn the largest
+around, and slide thin ones across."""
 
 from __future__ import annotations
 
@@ -52,7 +53,7 @@ class RepairOptions:
     held_limbs: int = 16
     """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
     turned_parts: int = 3
-    """Largest parts that are turned by half a revolution."""
+    """Largest parts that are turned by half a revolution and, where they are thin, slid across by their thickness."""
     unexplained: float = 0.006
     """Share of scan points far from the model below which nothing is missing, and only the best solution is
     repaired, ..."""

@@ -39,17 +39,6 @@ WIDER, WIDENINGS = 1.5, 5
 """... each time by so much, so often at most."""
 LINE_PIXEL = 0.72
 """Pixel of the depth image that leaves no space between scan lines empty, as a share of their distance."""
-HIDING_SAMPLE, HIDING_PIXEL, HIDING_DEPTH, LEAST_HIDING_RANGE = 20000, 0.02, 0.06, 0.2
-"""Whether points hide each other is told of so many of them: those in one pixel, this wide at their median range (or at
-the last of these, if that is more), that lie so much behind the nearest. Lengths in model diagonals."""
-LEAST_GAPPED = 0.03
-"""Share of points behind a gap so deep in the depths of their pixel below which points at many depths are of surface
-that is seen edge-on: a door in line with the sensor has 0.3 of its points behind others, and 0.01 behind gaps."""
-FINE_DEPTH, FINE_NOISE = 3.0, 4.0
-"""How far one point lies behind another that hides it in a pixel as fine as the points are dense: so many of its widths
-(surface that is seen edge-on rises less), and so many standard deviations of the noise more."""
-WIDEST_VIEW, OUT_OF_VIEW = float(np.radians(70.0)), 0.005
-"""Angle from the middle of what a camera sees beyond which no more than this share of its points are: strays."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 LEAST_POINTS = 20
@@ -127,8 +116,8 @@ class Observation:
     """Median distance of a point to its sixth neighbour."""
     noise: float
     """Standard deviation of the given points from their local planes."""
-    line_gap: float
-    """Distance of the scan lines of a spinning sensor, where many points' neighbours are on their own line, else 0."""
+    depth_pixel: float
+    """Pixel of the depth image, at the mean range of what was seen."""
     sensor_origin: Float | None
     """(3,) where the whole scan was seen from one place, else None."""
     field: Any
@@ -203,16 +192,17 @@ def observe(
         normals = np.where(turned[:, None], -normals, normals)
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
+    pixel = depth_pixel(gap, options)
     field = kernels.ScanField(
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        depth_pixel(gap, options), options.depth_tolerance, options.shadow, 1.0, threads,
+        pixel, options.depth_tolerance, options.shadow, 1.0, threads,
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
-        noise, gap, origin, field, centre, diagonal,
+        noise, pixel, origin, field, centre, diagonal,
     )  # fmt: skip
 
 
@@ -415,85 +405,6 @@ def wide_plane(
     centre = on_plane.mean(axis=0)
     _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
-
-
-def seen_through(scan: Scan, diagonal: float) -> float:
-    """Return the share of points that others hide from the scan's sensor origin, if all share one.
-
-    At depth edges, where pixels see both sides or mix them, some always are.
-    """
-    origin = common_origin(scan, np.zeros(3), diagonal)
-    if origin is None or scan.camera is not None:
-        return 0.0
-    ranges, directions = _rays(scan, origin, diagonal)
-    return float(_hidden(ranges, _pixels(ranges, directions, HIDING_PIXEL), HIDING_DEPTH).mean())
-
-
-def finely_seen_through(scan: Scan, diagonal: float, noise: float, threads: int) -> float:
-    """Return the share of points that others hide from the one sensor origin of the scan, in pixels as fine as its
-    points are dense; `noise` in model diagonals.
-
-    Even slender parts hide their far sides: 0.09 and more where a scan is of all sides, 0.07 and less where it is of
-    one; but half of the pixels of a whole room may mix what is near and far.
-    """
-    origin = common_origin(scan, np.zeros(3), diagonal)
-    if origin is None:
-        return 0.0
-    ranges, directions = _rays(scan, origin, diagonal)
-    seen = np.ascontiguousarray(directions * _middle_range(ranges), np.float32)
-    width = median(sixth_neighbour(seen, threads))
-    return float(_hidden(ranges, _pixels(ranges, directions, width), FINE_DEPTH * width + FINE_NOISE * noise).mean())
-
-
-def edge_on(scan: Scan, diagonal: float) -> bool:
-    """Return whether points that others hide from the sensor origin are of surface in line with it: in their pixels
-    depth follows depth without a gap."""
-    origin = common_origin(scan, np.zeros(3), diagonal)
-    if origin is None:
-        return False
-    ranges, directions = _rays(scan, origin, diagonal)
-    pixel = _pixels(ranges, directions, HIDING_PIXEL)
-    order = np.lexsort((ranges, pixel))
-    ranges, pixel = ranges[order], pixel[order]
-    first = np.diff(pixel, prepend=-1) != 0
-    gaps = np.cumsum((np.diff(ranges, prepend=0.0) > HIDING_DEPTH) & ~first)
-    return float((gaps > gaps[first][pixel]).mean()) < LEAST_GAPPED
-
-
-def _rays(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, Array]:
-    """Return ranges (n,) and directions (n, 3) of a sample of the points, seen from the `origin` (in search units)."""
-    rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
-    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    return ranges, rays / np.maximum(ranges, 1e-9)[:, None]
-
-
-def _middle_range(ranges: Array) -> float:
-    """Return the range at which pixels are as wide as they are said to be."""
-    return max(median(ranges), LEAST_HIDING_RANGE)
-
-
-def _pixels(ranges: Array, directions: Array, width: float) -> NDArray[np.int32]:
-    """Return the pixel (n,) of each direction, so wide (model diagonals) at the median range."""
-    angle = width / _middle_range(ranges)
-    return kernels.voxel_means(np.ascontiguousarray(directions / angle, np.float32), 1.0)[2]
-
-
-def _hidden(ranges: Array, pixel: NDArray[np.int32], depth: float) -> NDArray[np.bool_]:
-    """Return which points lie farther than this behind the nearest of their pixel."""
-    nearest = np.full(pixel.max() + 1, np.inf)
-    np.minimum.at(nearest, pixel, ranges)
-    return np.asarray(ranges > nearest[pixel] + depth)
-
-
-def is_view(scan: Scan) -> bool:
-    """Return whether the scan has one sensor origin, and a camera there can see all points."""
-    if scan.sensor_origin is None or scan.sensor_origin.ndim != 1:
-        return False
-    rays = scan.points - scan.sensor_origin
-    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
-    middle = rays.mean(axis=0)
-    cosines = rays @ middle / max(float(np.linalg.norm(middle)), 1e-9)
-    return float((cosines < np.cos(WIDEST_VIEW)).mean()) < OUT_OF_VIEW
 
 
 def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:

@@ -27,9 +27,9 @@ MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
 LARGEST_FIELD = 5e7
 """Cells of the field of a scene; larger scenes get larger cells."""
-PIXEL = 0.65
-"""Least size of the pixels of a scene's depth image, as a share of the distance to the sixth neighbour: points are
-about as far from the next."""
+RAY_PIXEL, RAYS = 0.75, 2000
+"""Least size of the pixels of a scene's depth image, as a share of the distance of a ray to the sixth next, told about
+so many: between sparse rays there would be pixels that none came back from."""
 LEAST_ON_PLANE = 30
 """Points that a plane holds at least."""
 
@@ -179,7 +179,7 @@ def close_up(
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
     count = len(points)
     kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
-    seen = _Seen(scene.raw, scene.sensor_origin, scene.line_gap, scene.spacing)
+    seen = _Seen(scene.raw, scene.sensor_origin, scene.depth_pixel)
     field = _field(kept, seen, preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
@@ -260,7 +260,10 @@ def _observed(
     regions, areas = region[kept].astype(np.int32), cells.areas[kept]
     other = np.where(planes[kept], options.plane_weight, options.other_weight)
     weights = np.where(regions >= 0, 1.0, other).astype(np.float32)
-    seen = _Seen(cells.raw, cells.origin, gap, spacing)
+    pixel = preparation.depth_pixel(gap, preparing)
+    if cells.origin is not None:
+        pixel = max(pixel, _ray_pixel(cells.raw, points[regions >= 0], cells.origin, threads))
+    seen = _Seen(cells.raw, cells.origin, pixel)
     field = _field(_Kept(points, normals, weights, areas, regions), seen, preparing, options, threads)
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
@@ -270,7 +273,7 @@ def _observed(
     )
     return Observation(
         points, normals, preparation.at_most(cells.raw, preparing.most_raw), given, given_normals, weights, areas,
-        regions, True, spacing, noise, gap, cells.origin, field, cells.centre, cells.diagonal,
+        regions, True, spacing, noise, pixel, cells.origin, field, cells.centre, cells.diagonal,
     )  # fmt: skip
 
 
@@ -293,19 +296,15 @@ class _Seen:
     """(n, 3)"""
     origin: Float | None
     """(3,) where from, else None."""
-    line_gap: float
-    """`Observation.line_gap`"""
-    spacing: float
-    """`Observation.spacing`"""
+    pixel: float
+    """`Observation.depth_pixel`"""
 
 
 def _field(
     kept: _Kept, seen: _Seen, preparing: ObservationOptions, options: SceneOptions, threads: int
 ) -> kernels.ScanField:
     """Return the field of the points that are kept, in what was seen."""
-    cell, pixel = preparing.field_cell, preparation.depth_pixel(seen.line_gap, preparing)
-    # Between sparse points there would be pixels without any, as if no ray had come back from there.
-    pixel = max(pixel, PIXEL * seen.spacing)
+    cell, pixel = preparing.field_cell, seen.pixel
     while np.prod(np.ptp(kept.points, axis=0) / cell + 80) > LARGEST_FIELD:
         cell *= 1.2
     if seen.origin is not None:
@@ -318,6 +317,21 @@ def _field(
         seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
         pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
     )  # fmt: skip
+
+
+def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> float:
+    """Return the least pixel of a depth image of all points `seen` (n, 3), at the median range of those `searched`."""
+    rays, ranges = _rays(searched[:: max(1, len(searched) // RAYS)], origin)
+    middle = preparation.median(ranges)
+    sixth = kernels.nearest_neighbours(_rays(seen, origin)[0] * middle, rays * middle, 7, threads)[0][:, -1]
+    return RAY_PIXEL * preparation.median(sixth)
+
+
+def _rays(points: Float, origin: Float) -> tuple[Float, Float]:
+    """Return directions (n, 3) and ranges (n,) of points seen from an origin."""
+    away = points - origin
+    ranges = np.maximum(np.linalg.norm(away, axis=1), 1e-9).astype(np.float32)
+    return np.ascontiguousarray(away / ranges[:, None], np.float32), ranges
 
 
 def _areas(spacing: Float) -> Float:

@@ -21,7 +21,7 @@ def searched_again(
     observation = observe(scan, arm.diagonal, ObservationOptions(), 2)
     search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    before = answers._once(0, search, None)
+    before = answers._once(0)
     if wrong:
         before.bases[:, :3, 3] += 0.2
     looked = []
@@ -29,7 +29,7 @@ def searched_again(
     monkeypatch.setattr(
         TreeSearch, "piecewise_hypotheses", lambda own, seed: looked.append(seed) or piecewise(own, seed)
     )
-    return answers._once(1, search, before) is before, bool(looked)
+    return answers._once_more(1, search, before) is before, bool(looked)
 
 
 def test_an_answer_that_all_of_the_scan_leads_to_again_ends_the_search(
@@ -65,7 +65,7 @@ def test_what_is_hardly_sound_and_leaves_much_unexplained_is_searched_on(
 ) -> None:
     """In clutter a humanoid was answered wrong, though all of its parts explained enough."""
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    found = answers._once(0, search, None).best_first()
+    found = answers._once(0).best_first()
     assert answers._is_settled(found, [found])
     monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: soundness)
     monkeypatch.setattr(TreeSearch, "unexplained", lambda *_: unexplained)

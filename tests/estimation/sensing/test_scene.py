@@ -139,7 +139,7 @@ def test_gaps_between_sparse_points_say_little_against_the_model(
     few = np.random.default_rng(0).permutation(len(points))[: len(points) // 12]
 
     whole = against(excavator, scene, points, unreturned)
-    assert against(excavator, scene, points[few], unreturned) < whole + 0.08
+    assert against(excavator, scene, points[few], unreturned) < whole + 0.1
 
 
 def test_the_surface_of_a_model_hangs_together_where_points_are_few(

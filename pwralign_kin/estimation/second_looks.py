@@ -1,0 +1,197 @@
+"""One scan estimated: as it is given and, where its answer leaves something open, under other suppositions about it."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pwralign_kin.estimation.answers.one_sided import turned_over
+from pwralign_kin.estimation.estimator import Estimator, warn_of_size
+from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
+from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.knowledge.correspondences import Correspondences
+from pwralign_kin.estimation.knowledge.prior import BasePrior
+from pwralign_kin.estimation.reporting import state_of
+from pwralign_kin.estimation.result import Estimate
+from pwralign_kin.estimation.sensing.observation import was_prepared, without_far_points
+from pwralign_kin.estimation.sensing.scene import surroundings_of
+from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
+from pwralign_kin.estimation.stages import Fit
+from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.scan import Scan, warn_of_rounding
+from pwralign_kin.state import State
+
+logger = logging.getLogger(__name__)
+
+Bool = NDArray[np.bool_]
+Answer = tuple[Fit, Estimate]
+
+BLIND, SIGHTED = 0.1, 0.5
+"""Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
+OTHER_SIDE = 0.02
+"""Score by which an answer must be better for the other side of a part to have been seen: 0.08 and more where it was,
+less than none where it was not."""
+OTHER_SIDES = 3
+"""How often in a row other sides are taken, at most: of one part, or of all."""
+PATCHED, STRANGE = 0.5, 0.05
+"""Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
+OF_OTHER_HAND = 0.02
+"""Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
+much, and nearly all to mirror images of models that are not their own."""
+OF_THE_MODEL = 0.8
+"""Share of explained points from which the scan is of the model: among much else, what is strange is of that."""
+
+
+def estimated(
+    estimator: Estimator, scan: Scan, initial: State | None, correspondences: Correspondences | None
+) -> Estimate:
+    """Return the estimate of one scan."""
+    warn_of_rounding(scan, estimator.model.diagonal)
+    fit = estimator.fit(scan, initial, correspondences)
+    estimate = estimator.finished(fit)
+    for look in (_from_other_sides, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin):
+        fit, estimate = look(estimator, fit, estimate)
+    estimate = _against_mirror_image(estimator, fit, estimate)
+    warn_of_size(scan, estimate)
+    return estimate
+
+
+def _from_other_sides(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+    """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from one
+    side only, and return the best."""
+    observation = fit.solver.search.observation
+    if observation.scene or fit.scan.sensor_origin is not None:
+        return fit, estimate
+    first, turned = fit, np.zeros(len(observation.points), bool)
+    tried = {turned.tobytes()}
+    for _ in range(OTHER_SIDES):
+        parts = turned_over(fit.solver.search, fit.finished.take([0]))
+        several = [np.any(parts, axis=0)] if len(parts) > 1 else []
+        best, now = fit, turned
+        for over in several + parts:
+            other = turned ^ over
+            if other.tobytes() in tried:
+                continue
+            tried.add(other.tobytes())
+            found = _with_turned(estimator, other, fit)
+            if found is not None and found.finished.scores[0] > best.finished.scores[0]:
+                best, now = found, other
+        if best is fit:
+            break
+        fit, turned = best, now
+    return (fit, estimate) if fit is first else (fit, estimator.finished(fit))
+
+
+def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
+    """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
+    observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
+    answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
+    try:
+        from_answer = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, turned=turned)
+    except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+        return None
+    if from_answer.finished.scores[0] <= enough:
+        return None
+    with suppress(ScanError, CorrespondenceError):
+        anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned)
+        if anew.finished.scores[0] > enough:
+            return anew
+    return replace(from_answer, initial=fit.initial, prior=fit.prior)
+
+
+def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+    """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
+
+    The patch draws parts of the model to it, and passes for a sign that something else was scanned.
+    """
+    model, options = estimator.model, estimator.options
+    observation, evidence = fit.solver.search.observation, estimate.evidence
+    if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
+        return fit, estimate
+    near = without_far_points(fit.scan, model.reach)
+    left = estimate.scan_labels[near.source_index] < 0
+    left &= was_prepared(observation, near.points, options.observation)
+    surroundings = surroundings_of(
+        near, left, model.surfaces, model.diagonal, options.observation, options.scene, estimator.threads
+    )
+    other = _again(estimator, fit, near, surroundings) if surroundings.any() else None
+    if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
+        return fit, estimate
+    return other if other[1].confidence >= estimate.confidence else (fit, estimate)
+
+
+def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+    """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and return
+    that answer if it is good: the origin must be wrong."""
+    observation = fit.solver.search.observation
+    if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
+        return fit, estimate
+    other = _again(estimator, fit, fit.scan.without_sensor_origin())
+    if other is None or soundness(other[1].evidence) < SIGHTED:
+        return fit, estimate
+    logger.warning(
+        "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
+        "frame of the scan?",
+        fit.scan.source,
+    )
+    return other
+
+
+def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+    """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were seen
+    from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
+    known, observation = fit.scan.sensor_origin is not None, fit.solver.search.observation
+    if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
+        return fit, estimate
+    scan, diagonal = fit.scan.with_sensor_origin(np.zeros(3)), estimator.model.diagonal
+    if not is_view(scan) or contradicting(scan, diagonal):
+        return fit, estimate
+    if not observation.scene and is_of_all_sides(scan, diagonal, observation.noise, estimator.threads):
+        return fit, estimate
+    other = _again(estimator, fit, scan)
+    if other is None or soundness(other[1].evidence) < SIGHTED or other[1].confidence < estimate.confidence:
+        return fit, estimate
+    logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
+    return other
+
+
+def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
+    """Return the answer to the scan of a `fit` as it is supposed to be; None if nothing of it can be of the model."""
+    try:
+        other = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch, surroundings)
+        return other, estimator.finished(other)
+    except (ScanError, CorrespondenceError):
+        return None
+
+
+def _against_mirror_image(estimator: Estimator, fit: Fit, estimate: Estimate) -> Estimate:
+    """Hold an answer that leaves points strange or astray against one to the mirror image of the scan, which some
+    programs write: their coordinates are left-handed.
+
+    What is known in the frame of the scan tells its hand, or would have to be mirrored with it.
+    """
+    evidence, options = estimate.evidence, estimator.options
+    told = options.base != BasePrior() or options.region is not None or options.near is not None
+    told = told or fit.initial is not None or fit.correspondences is not None
+    odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
+    if told or not odd or fit.solver.search.observation.scene:
+        return estimate
+    try:
+        quick = Estimator(estimator.model, replace(options, effort="fast"))
+        image = quick.fit(fit.scan.mirrored(), None, None, fit.watch)
+    except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+        return estimate
+    if image.solver.search.observation.scene:  # its scores do not compare
+        return estimate
+    evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
+    if evidence.mirrored > MIRRORED[0]:
+        logger.warning(
+            "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, turn "
+            "the sign of one axis",
+            fit.scan.source,
+        )
+    return replace(estimate, evidence=evidence, confidence=confidence(evidence))

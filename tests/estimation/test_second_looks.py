@@ -1,0 +1,97 @@
+"""Which answer is kept where a scan is looked at again."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+import pwralign_kin as pk
+from pwralign_kin.estimation import second_looks
+from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.exceptions import CorrespondenceError
+from pwralign_kin.simulation import SimulatedScan
+
+
+def _answer(scan: pk.Scan, sound: float, confidence: float) -> Any:
+    """An estimate that explains no point, as far as a second look asks it."""
+    evidence = SimpleNamespace(strange=1.0, sound=sound)
+    return SimpleNamespace(evidence=evidence, confidence=confidence, scan_labels=np.full(scan.n_input, -1))
+
+
+@pytest.mark.parametrize(
+    ("sound", "confidence", "taken"),
+    [(0.3, 0.6, True), (0.3, 0.59, False), (0.2, 0.9, False)],
+    ids=["sounder", "sounder but less confident", "no sounder"],
+)
+def test_a_second_look_beside_surroundings_must_be_sounder_and_no_less_confident(
+    sound: float,
+    confidence: float,
+    taken: bool,
+    arm: pk.ArticulatedModel,
+    single_scan: SimulatedScan,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scan, estimator = single_scan.scan, Estimator(arm, pk.EstimatorOptions())
+    first, second = _answer(scan, 0.2, 0.6), _answer(scan, sound, confidence)
+    monkeypatch.setattr(second_looks, "soundness", lambda evidence: evidence.sound)
+    monkeypatch.setattr(second_looks, "was_prepared", lambda observation, points, options: np.ones(len(points), bool))
+    monkeypatch.setattr(second_looks, "surroundings_of", lambda near, left, *rest: left)
+    monkeypatch.setattr(estimator, "fit", mock.Mock())
+    monkeypatch.setattr(estimator, "finished", lambda fit: second)
+    searched = mock.Mock(scan=scan)
+    searched.solver.search.observation.scene = False
+    answer = second_looks._beside_surroundings(estimator, searched, first)[1]
+    assert answer is (second if taken else first)
+    assert estimator.fit.call_args.args[4].all()  # what the first answer left unexplained
+
+
+def _found(score: float) -> Any:
+    """A fit whose answer has this score."""
+    fit = mock.MagicMock(name=f"fit of score {score}")
+    fit.finished.scores = np.array([score])
+    return fit
+
+
+@pytest.mark.parametrize(
+    ("from_answer", "anew", "kept"),
+    [
+        (_found(1.0), None, None),
+        (_found(1.5), _found(1.4), "anew"),
+        (_found(1.5), _found(0.9), "from answer"),
+        (_found(1.5), CorrespondenceError("scan", "no part fits"), "from answer"),
+    ],
+    ids=["no better", "a search finds it too", "a search finds a worse one", "a search finds nothing"],
+)
+def test_points_are_turned_where_the_answer_gets_better_by_it(
+    from_answer: Any, anew: Any, kept: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimator = mock.Mock()
+    estimator.fit = mock.Mock(side_effect=[from_answer, anew])
+    monkeypatch.setattr(second_looks, "state_of", mock.Mock())
+    monkeypatch.setattr(second_looks, "replace", lambda fit, **_: fit)
+    found = second_looks._with_turned(estimator, np.ones(3, bool), _found(1.0))
+    assert found is {None: None, "anew": anew, "from answer": from_answer}[kept]
+
+
+def test_the_mirror_image_is_of_the_scan_as_it_was_taken_to_be(
+    arm: pk.ArticulatedModel, single_scan: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a look without the sensor origin, the image had it again."""
+    scan, held_against = single_scan.scan, []
+
+    def without_origin(estimator: Estimator, fit: Any, estimate: pk.Estimate) -> Any:
+        return estimator.fit(fit.scan.without_sensor_origin(), None, None), estimate
+
+    def against(estimator: Estimator, fit: Any, estimate: pk.Estimate) -> pk.Estimate:
+        held_against.append(fit.scan.sensor_origin)
+        return estimate
+
+    monkeypatch.setattr(second_looks, "_without_sensor_origin", without_origin)
+    monkeypatch.setattr(second_looks, "_against_mirror_image", against)
+    pk.estimate(arm, scan)
+    assert scan.sensor_origin is not None
+    assert held_against == [None]
