@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,13 +77,12 @@ class Trials:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
         drawn, against, own = self._drawn_about(fit, chain, usual)
         doubt = np.where(chain, self._spread, 0.0)
-        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
         T, held = self._fitting.inward(fit.T), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
         for values in drawn[against < own][:FITTED]:
             if clock.perf_counter() >= limit:
                 return fit  # what is cut short tells nothing
-            fits.append(self._fitting.fitted(loose, usual, limit, start=(T, values), held=held))
+            fits.append(self._fitting.fitted(expected, usual, limit, start=(T, values), held=held, doubt=doubt))
         fitted = np.array([other.values for other in fits])
         against_fits = np.array([other.against for other in fits]) + self._surprise(fitted, fit, chain)
         first = int(np.argmin(against_fits))

@@ -323,3 +323,27 @@ def test_a_fit_that_has_not_settled_goes_on(arm: pk.ArticulatedModel) -> None:
         tracker = tracker or pk.Tracker(arm, pk.TrackerOptions(iterations=6), initial=frame.state)
         worst = max(worst, errors(arm, tracker.update(frame.images[0], frame.time).state, frame.state)[0])
     assert worst < 3.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_plate_that_fills_the_image_takes_nothing_away_from_what_is_known(tmp_path: Path) -> None:
+    visual = '<visual><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'
+    plate, behind = visual.format("0 0 0", "2 2 0.02"), visual.format("0.1 0 0.1", "0.2 0.05 0.05")
+    (tmp_path / "plate.urdf").write_text(
+        f'<robot name="r"><link name="a">{plate}</link><link name="b">{behind}</link>'
+        '<joint name="turn" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+    )
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "plate.urdf")
+    T = exp(np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    T[:3, 3] = [0.1, 0.0, 1.0]
+    columns, rows = np.meshgrid(np.arange(160), np.arange(120))
+    rays = np.stack([(columns - 79.5) / 160.0, (rows - 59.5) / 160.0, np.ones(rows.shape)], axis=-1)
+    front = T[:3, 3] - 0.01 * T[:3, 2]
+    depth = ((T[:3, 2] @ front) / (rays @ T[:3, 2])).astype(np.float32)
+    image = pk.DepthFrame(depth, intrinsics=(160.0, 160.0, 79.5, 59.5))
+    tracker = pk.Tracker(model, pk.TrackerOptions(covariance=True), pk.State(T, {"turn": 0.3}))
+    for index in range(400):
+        tracked = tracker.update(image, 0.2 * index)
+        assert tracked.covariance is not None and np.linalg.eigvalsh(tracked.covariance)[0] > 0.0
+    assert tracked.undetermined == ("turn",)
