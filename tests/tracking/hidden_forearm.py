@@ -37,9 +37,11 @@ def forearm_hidden(arm: pk.ArticulatedModel, frame: SimulatedFrame) -> pk.DepthF
     return replace(image, depth=np.where(covered, 0.5 * image.depth[shown].min(), image.depth))
 
 
-def elbow_back(arm: pk.ArticulatedModel, moving: Frames) -> tuple[pk.Tracker, pk.TrackedFrame]:
+def elbow_back(
+    arm: pk.ArticulatedModel, moving: Frames, options: pk.TrackerOptions | None = None
+) -> tuple[pk.Tracker, pk.TrackedFrame]:
     """Return a tracker of an elbow that was hidden for 14 frames, and the frame in which it is seen again."""
-    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker = pk.Tracker(arm, options, moving[0].state)
     tracker.update(moving[0].images[0], 0.0)
     for frame in moving[1:15]:
         tracker.update(forearm_hidden(arm, frame), frame.time)

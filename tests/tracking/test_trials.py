@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain, repeat
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from hidden_forearm import Frames, elbow_back, errors, forearm_hidden
 
 import pwralign_kin as pk
 from pwralign_kin.simulation import simulate_sequence
+from pwralign_kin.tracking import trials as module
 from pwralign_kin.tracking.fit import Usual
-from pwralign_kin.tracking.trials import Trials
+from pwralign_kin.tracking.trials import TRIALS, Trials
 
 
 def test_a_joint_that_comes_back_is_doubted_until_it_is_tried(arm: pk.ArticulatedModel, moving: Frames) -> None:
@@ -75,3 +78,39 @@ def test_values_are_drawn_evenly(arm: pk.ArticulatedModel) -> None:
             assert (np.histogram(column, 8, (0.0, 1.0))[0] >= 5).all()
         corners = (drawn[:, :2] > 0.5).astype(int) @ (2 ** np.arange(min(size, 2)))
         assert (np.bincount(corners) >= 10).all()
+
+
+def test_nothing_is_left_of_trials_that_have_ended(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker, _ = elbow_back(arm, moving)
+    monkeypatch.setattr(module, "EVIDENT", 20.0)  # values a little apart fit as well
+    trials = tracker._trials
+    trials._passed[1], trials._waited[1] = TRIALS - 1, 64
+    tracked = tracker.update(moving[16].images[0], moving[16].time)
+    assert not trials.active and (trials.apart == 0.0).all()
+    assert tracked.std["elbow"] < np.radians(0.5)
+
+
+def test_trials_go_on_while_other_values_fit_as_well(arm: pk.ArticulatedModel) -> None:
+    trials = pk.Tracker(arm)._trials
+    elbow = np.array([False, True])
+    trials._spread[elbow], trials._passed[elbow] = 1.0, TRIALS
+    for alike, goes_on in ((0.5, True), (0.01, False)):
+        trials._note(np.array([0.0, alike]), elbow, elbow, doubted=False)
+        assert trials.active == goes_on
+
+
+@pytest.mark.parametrize(("rounds", "drawn"), [(0, 0), (1, 64), (3, 96)])
+def test_a_trial_that_the_time_limit_cuts_short_does_not_count(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch, rounds: int, drawn: int
+) -> None:
+    tracker, _ = elbow_back(arm, moving, pk.TrackerOptions(time_limit=60.0))
+    trials = tracker._trials
+    trials._waited[1] = 64
+    passed, before = trials._passed.copy(), trials._drawn
+    times = chain(repeat(0.0, rounds), repeat(np.inf))
+    monkeypatch.setattr(module, "clock", SimpleNamespace(perf_counter=lambda: next(times)))
+    tracker.update(moving[16].images[0], moving[16].time)
+    assert trials._drawn == before + drawn
+    assert trials._waited[1] == 65 and (trials._passed == passed).all()
