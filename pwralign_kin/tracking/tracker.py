@@ -159,7 +159,8 @@ class Tracker:
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
             reached = (self._fitting.inward(fit.T), fit.values)
-            fit = self._fitting.fitted(expected, usual, limit, start=reached)
+            settled = self._fitting.fitted(expected, usual, limit, start=reached)
+            fit = replace(settled, iterations=fit.iterations + settled.iterations)
         freed = expected.held & ~self._joints.untold(fit, expected)
         if freed.any():
             fit = self._trials.freed(fit, expected, freed, usual, limit)

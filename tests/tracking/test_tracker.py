@@ -17,6 +17,7 @@ from pwralign_kin.se3 import exp, inverse, rotation_angle
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
 from pwralign_kin.simulation.sequences import Motion as FastMotion
 from pwralign_kin.tracking import Frame
+from pwralign_kin.tracking.fit import Usual
 from pwralign_kin.tracking.motion import Motion
 from pwralign_kin.tracking.tracker import PATIENCE
 
@@ -347,3 +348,13 @@ def test_a_plate_that_fills_the_image_takes_nothing_away_from_what_is_known(tmp_
         tracked = tracker.update(image, 0.2 * index)
         assert tracked.covariance is not None and np.linalg.eigvalsh(tracked.covariance)[0] > 0.0
     assert tracked.undetermined == ("turn",)
+
+
+def test_iterations_are_those_of_a_fit_and_where_it_goes_on_of_both_its_runs(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = pk.Tracker(arm, pk.TrackerOptions(iterations=1), moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for doubted in (False, True):
+        monkeypatch.setattr(Usual, "doubts", lambda *_, doubted=doubted: doubted)
+        assert tracker.update(moving[0].images[0], 1.0 + doubted).iterations == 1 + doubted
