@@ -106,10 +106,12 @@ class FrameFitting:
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         still = expected.held if held is None else held
-        loose = WIDER**2 * expected.covariance if wide else expected.covariance
+        known: Array = np.asarray(np.linalg.inv(expected.covariance), float)
+        believed = known
         if doubt is not None:
-            loose = loose + np.diag(np.r_[np.zeros(6), doubt**2])
-        believed: Array = np.asarray(np.linalg.inv(loose), float)
+            believed = np.asarray(np.linalg.inv(expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2])), float)
+        if wide:
+            believed = believed / WIDER**2
         T, fitted, done, rmse = native.fit(
             base[None],
             values,
@@ -124,7 +126,7 @@ class FrameFitting:
             limit - clock.perf_counter(),
         )
         information = _semidefinite(native.information - believed)
-        covariance: Array = np.asarray(np.linalg.inv(information + np.linalg.inv(expected.covariance)), float)
+        covariance: Array = np.asarray(np.linalg.inv(information + known), float)
         # What the frame adds for a joint while all else is free, beside what it would add were all else known.
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
         conditional = np.diag(information)[6:]
