@@ -86,11 +86,13 @@ class FrameFitting:
         wide: bool = False,
         start: tuple[Array, Array] | None = None,
         held: NDArray[np.bool_] | None = None,
+        doubt: Array | None = None,
     ) -> Fit:
         """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one.
 
         `start` is where to begin instead (base about the centre, in model diagonals, and values), `held` (k,) joints
-        that stay there, else those that are not told.
+        that stay there, else those that are not told. `doubt` (k,) are standard deviations by which the values are less
+        sure than expected. What is less sure, or wide, is so for the fit to get about: the covariance does without.
         """
         native = self.native
         predicted = self.inward(expected.T)
@@ -101,12 +103,15 @@ class FrameFitting:
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
             return Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
-        if wide:
-            expected = expected.loosened(WIDER)
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         still = expected.held if held is None else held
-        believed: Array = np.asarray(np.linalg.inv(expected.covariance), float)
+        known: Array = np.asarray(np.linalg.inv(expected.covariance), float)
+        believed = known
+        if doubt is not None:
+            believed = np.asarray(np.linalg.inv(expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2])), float)
+        if wide:
+            believed = believed / WIDER**2
         T, fitted, done, rmse = native.fit(
             base[None],
             values,
@@ -120,11 +125,11 @@ class FrameFitting:
             iterations,
             limit - clock.perf_counter(),
         )
-        information, doubt = native.information, np.diag(expected.covariance)[6:]
-        covariance: Array = np.asarray(np.linalg.inv(information), float)
+        information = _semidefinite(native.information - believed)
+        covariance: Array = np.asarray(np.linalg.inv(information + known), float)
         # What the frame adds for a joint while all else is free, beside what it would add were all else known.
-        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / doubt, 0.0)
-        conditional = np.diag(information)[6:] - np.diag(believed)[6:]
+        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
+        conditional = np.diag(information)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
         noise, tolerance, coverage, agreement, visible, support, cost = native.judge(T[None], fitted, tolerance)
         strays, missing = self._part_misfits()
@@ -172,6 +177,12 @@ def checked(frame: Frame) -> Frame:
         got = f"{points.dtype} of shape {points.shape}"
         raise ScanError("frame", f"expected a Scan, a DepthFrame or floating-point points (n, 3), got {got}")
     return np.ascontiguousarray(points, np.float32 if points.dtype == np.float32 else np.float64)
+
+
+def _semidefinite(information: Array) -> Array:
+    """Return the nearest information (n, n) that takes nothing away: sums of single precision fall a little short."""
+    told, along = np.linalg.eigh((information + information.T) / 2.0)
+    return np.asarray((np.maximum(told, 0.0) * along) @ along.T)
 
 
 def _sensor(frame: Frame) -> Array:

@@ -70,9 +70,14 @@ class Joints:
         return np.minimum(apart, np.abs(self.turns - apart))
 
     def chains(self, among: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-        """Return some joints as chains (k,): each that moves no other of them, with those that move it."""
-        moved = (self.moves & among).sum(axis=1)
-        return [among & self.moves[:, joint] for joint in np.flatnonzero(among & (moved == 1))]
+        """Return some joints as chains (k,): each that moves none but those that move it too, with those that move it.
+
+        Joints that move one another, as mimics can, are in one chain together.
+        """
+        last = among & ~(self.moves & ~self.moves.T & among).any(axis=1)
+        mutual = self.moves & self.moves.T & among
+        first = mutual.argmax(axis=1) == np.arange(len(among))
+        return [among & self.moves[:, joint] for joint in np.flatnonzero(last & first)]
 
     def untold(self, fit: Fit, expected: Motion) -> NDArray[np.bool_]:
         """Return the joints (k,) that a frame does not tell; those that are locked need not be told."""
@@ -87,10 +92,12 @@ class Joints:
 
 def _moves(model: ArticulatedModel) -> NDArray[np.bool_]:
     moves = np.eye(len(model.joint_names), dtype=bool)
-    for part in model.parts:  # parents come first
-        if part.joint is None:
-            continue
-        above = model.parts[part.parent]
-        if above.joint is not None:
-            moves[:, part.joint.actuated] |= moves[:, above.joint.actuated]
-    return moves
+    for part in model.parts:
+        above = None if part.joint is None else model.parts[part.parent].joint
+        if part.joint is not None and above is not None:
+            moves[above.actuated, part.joint.actuated] = True
+    while True:  # what a joint moves can move more, by its mimics anywhere in the tree
+        further = moves @ moves
+        if (further == moves).all():
+            return moves
+        moves = further

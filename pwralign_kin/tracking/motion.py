@@ -79,10 +79,6 @@ class Motion:
         doubt = self.covariance + np.diag((grown + SHORTEST**2) * _surprises(len(blind)) ** 2)
         return replace(self, time=time, T=T, values=self.values + fade[6:] * ahead * self.speeds, covariance=doubt)
 
-    def loosened(self, factor: float) -> Motion:
-        """Return the same with so many times larger deviations."""
-        return replace(self, covariance=factor**2 * self.covariance)
-
     def corrected(
         self, T: Array, values: Array, covariance: Array, held: NDArray[np.bool_], turns: Array, since: Motion
     ) -> Motion:

@@ -22,7 +22,8 @@ class TrackerOptions:
     margin: float = 0.12
     """What is farther from where the model is expected is not looked at."""
     iterations: int = 12
-    """Gauss-Newton iterations of a frame, at most; a doubtful frame gets four times as many from each of two starts."""
+    """Gauss-Newton iterations of a fit, at most; one that has not settled goes on for as many again, and a doubtful
+    frame is fitted with four times as many from each of two farther starts."""
     time_limit: float | None = None
     """Seconds that a frame may take: iterations and second attempts that do not fit are left out, and a lost model is
     searched for while the frames go on. Results then depend on how fast the machine is."""

@@ -47,7 +47,10 @@ class Recovery:
         The waits are longest while something hides the model.
         """
         if self._search is not None:
-            return self._late_answer()
+            if not self._search.done():
+                return None
+            search, self._search = self._search, None
+            return search.result()
         self._waited += 1
         if self._waited < (MOST_WAIT if hidden else self._wait):
             return None
@@ -60,14 +63,6 @@ class Recovery:
         self._pool = self._pool or ThreadPoolExecutor(1)
         self._search = self._pool.submit(self._estimate, frame, guess)
         return None
-
-    def _late_answer(self) -> Estimate | None:
-        """Return what the search beside the frames has found, once it is done."""
-        search = self._search
-        if search is None or not search.done():
-            return None
-        self._search = None
-        return search.result()
 
     def _estimate(self, frame: Frame, guess: State | None) -> Estimate | None:
         """Return the estimate of a frame, around a guess or everywhere; None where it cannot be made."""

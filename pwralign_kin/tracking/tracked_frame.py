@@ -39,7 +39,7 @@ class TrackedFrame:
     points: int
     """Points used."""
     iterations: int
-    """Gauss-Newton iterations."""
+    """Gauss-Newton iterations of the fit that was taken; of one that had not settled and went on, all of them."""
     seconds: float
     """Time that the frame took."""
     covariance: Array | None

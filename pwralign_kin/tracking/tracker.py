@@ -7,7 +7,6 @@ from dataclasses import replace
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.estimation import Estimate
@@ -21,9 +20,9 @@ from pwralign_kin.tracking.joints import UNDETERMINED, Joints
 from pwralign_kin.tracking.motion import LONGEST, Motion
 from pwralign_kin.tracking.options import TrackerOptions
 from pwralign_kin.tracking.recovery import Recovery
-from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS, Suspicion
+from pwralign_kin.tracking.suspicion import Suspicion
 from pwralign_kin.tracking.tracked_frame import TrackedFrame
-from pwralign_kin.tracking.trials import NEAR, Trials
+from pwralign_kin.tracking.trials import Trials
 
 DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
 """Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
@@ -160,10 +159,11 @@ class Tracker:
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
             reached = (self._fitting.inward(fit.T), fit.values)
-            fit = self._fitting.fitted(expected, usual, limit, start=reached)
+            settled = self._fitting.fitted(expected, usual, limit, start=reached)
+            fit = replace(settled, iterations=fit.iterations + settled.iterations)
         freed = expected.held & ~self._joints.untold(fit, expected)
         if freed.any():
-            fit = self._freed(fit, expected, freed, limit)
+            fit = self._trials.freed(fit, expected, freed, usual, limit)
         if fit.visible == 0.0 or fit.points < LEAST_POINTS:
             return fit
         poor = usual.quality(fit) < DOUBTFUL
@@ -176,15 +176,6 @@ class Tracker:
                     fit = other
         fit = self._suspicion.searched(fit, expected, usual, limit)
         return self._trials.tried(fit, expected, usual, limit)
-
-    def _freed(self, fit: Fit, expected: Motion, freed: NDArray[np.bool_], limit: float) -> Fit:
-        """Return the fit once joints that were held, and that the frame tells, are looked for and fitted too."""
-        far = expected.deviations > NEAR
-        ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
-        T, values, _ = self._fitting.swept(fit.T, fit.values, ranges, 1)
-        other = self._fitting.fitted(expected, self._usual, limit, start=(T, values), held=expected.held & ~freed)
-        assert self._usual is not None
-        return other if self._usual.misfit(other) <= self._usual.misfit(fit) + LEAST_GAIN else fit
 
     def _accepts(self, fit: Fit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +12,14 @@ from pwralign_kin.tracking.fit import EVIDENT, Fit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
 TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 4
-"""So many trials of a joint end them, after so many it is believed, and waits between them double so often."""
+"""So many trials of a joint end them unless others fit as well, after so many it is believed, and waits between them
+double so often."""
 
 DRAWN, KEPT, FITTED = 64, 4, 2
 """So many values of a chain are drawn at a time, so many of the best are drawn about again, and so many are fitted."""
@@ -53,6 +54,14 @@ class Trials:
         """Whether any joint is on trial."""
         return bool((self._spread > 0.0).any())
 
+    def freed(self, fit: Fit, expected: Motion, freed: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
+        """Return the fit once joints (k,) that were held, and that the frame tells, are looked for and fitted too."""
+        far = expected.deviations > NEAR
+        ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
+        T, values, _ = self._fitting.swept(fit.T, fit.values, ranges, 1)
+        other = self._fitting.fitted(expected, usual, limit, start=(T, values), held=expected.held & ~freed)
+        return other if usual.misfit(other) <= usual.misfit(fit) + LEAST_GAIN else fit
+
     def tried(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
         """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
         doubt = expected.deviations[6:]
@@ -76,15 +85,16 @@ class Trials:
 
     def _best(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
-        drawn, against, own = self._drawn_about(fit, chain, usual)
+        drawn, against, own = self._drawn_about(fit, chain, usual, limit)
         doubt = np.where(chain, self._spread, 0.0)
-        loose = replace(expected, covariance=expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2]))
         T, held = self._fitting.inward(fit.T), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
         for values in drawn[against < own][:FITTED]:
             if clock.perf_counter() >= limit:
-                return fit  # what is cut short tells nothing
-            fits.append(self._fitting.fitted(loose, usual, limit, start=(T, values), held=held))
+                break
+            fits.append(self._fitting.fitted(expected, usual, limit, start=(T, values), held=held, doubt=doubt))
+        if clock.perf_counter() >= limit:
+            return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
         against_fits = np.array([other.against for other in fits]) + self._surprise(fitted, fit, chain)
         first = int(np.argmin(against_fits))
@@ -102,18 +112,20 @@ class Trials:
         alike = np.where(doubtful, np.maximum(alike, self._spread), alike)
         self._alike = np.where(told, alike, self._alike)
         # What is seen of a joint's parts tells it only together with the joints that move it.
-        ended = told & (self._passed >= TRIALS)
+        ended = told & (self._passed >= TRIALS) & (self._alike <= self._joints.much_doubt)
         others = (self._spread > 0.0) & ~ended
         ended &= ~(self._joints.moves & others[:, None]).any(axis=0)
-        self._spread[ended], self._passed[ended] = 0.0, 0
+        self._spread[ended], self._alike[ended], self._passed[ended] = 0.0, 0.0, 0
 
     def _surprise(self, values: Array, fit: Fit, chain: NDArray[np.bool_]) -> Array:
         """Return what speaks against values (..., k) of a chain that are far from those of a fit, in points."""
         far = self._joints.apart(values, fit.values)[..., chain] / self._spread[chain]
         return np.asarray(np.square(far).sum(axis=-1))
 
-    def _drawn_about(self, fit: Fit, chain: NDArray[np.bool_], usual: Usual) -> tuple[Array, Array, float]:
-        """Return values (n, k) of a chain drawn ever closer about the best, the best first.
+    def _drawn_about(
+        self, fit: Fit, chain: NDArray[np.bool_], usual: Usual, limit: float
+    ) -> tuple[Array, Array, float]:
+        """Return values (n, k) of a chain drawn ever closer about the best until the time is up, the best first.
 
         Then what speaks against them (n,), and against those of the fit.
         """
@@ -125,6 +137,8 @@ class Trials:
         rows, against, own = fit.values[None], np.zeros(1), 0.0
         about = (low + high)[None] / 2.0
         for share, tolerance in ROUNDS:
+            if clock.perf_counter() >= limit:
+                break
             best = rows[:KEPT]
             drawn = share * (high - low) * (self._spaced(DRAWN // len(about), len(reach)) - 0.5)
             rows = np.repeat(fit.values[None], len(about) * len(drawn), axis=0)

@@ -9,29 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_dilation
-from scipy.spatial import cKDTree
+from hidden_forearm import Frames, errors, forearm_hidden
 
 import pwralign_kin as pk
 from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
-from pwralign_kin.se3 import exp, inverse, rotation_angle, transform
+from pwralign_kin.se3 import exp, inverse, rotation_angle
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
 from pwralign_kin.simulation.sequences import Motion as FastMotion
 from pwralign_kin.tracking import Frame
 from pwralign_kin.tracking.fit import Usual
-from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.motion import Motion
 from pwralign_kin.tracking.tracker import PATIENCE
-from pwralign_kin.tracking.trials import Trials
-
-Frames = list[SimulatedFrame]
-
-
-def _errors(arm: pk.ArticulatedModel, found: pk.State, true: pk.State) -> tuple[float, float]:
-    """Largest joint error (degrees) and base error (share of the diagonal)."""
-    joints = np.abs(arm.values(found.joints) - arm.values(true.joints)).max()
-    shift = np.linalg.norm((found.T_scan_base - true.T_scan_base)[:3, 3])
-    return float(np.degrees(joints)), float(shift / arm.diagonal)
 
 
 def _blank(frame: SimulatedFrame) -> pk.DepthFrame:
@@ -43,7 +31,7 @@ def test_follows_a_moving_model_from_a_known_start(arm: pk.ArticulatedModel, mov
     tracker = pk.Tracker(arm, initial=moving[0].state)
     for frame in moving:
         tracked = tracker.update(frame.images[0], frame.time)
-        joints, base = _errors(arm, tracked.state, frame.state)
+        joints, base = errors(arm, tracked.state, frame.state)
         assert joints < 1.5 and base < 0.005
         assert not tracked.lost and not tracked.searched and tracked.confidence > 0.7
         assert 100 < tracked.points <= tracker.options.points and tracked.seconds > 0.0
@@ -58,7 +46,7 @@ def test_scans_and_bare_points_serve_as_frames(arm: pk.ArticulatedModel, moving:
         tracker = pk.Tracker(arm, initial=moving[0].state)
         for frame in moving[:6]:
             tracked = tracker.update(frame_of(kind, frame.images[0]), frame.time)
-        assert _errors(arm, tracked.state, frame.state)[0] < 2.0, kind
+        assert errors(arm, tracked.state, frame.state)[0] < 2.0, kind
         assert not tracked.lost
 
 
@@ -72,17 +60,17 @@ def test_integer_depth_is_the_same_as_metres(arm: pk.ArticulatedModel, moving: F
 def test_is_found_without_a_guess_and_again_after_it_was_hidden(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracker = pk.Tracker(arm)
     first = tracker.update(moving[0].images[0], 0.0)
-    assert first.searched and not first.lost and _errors(arm, first.state, moving[0].state)[0] < 3.0
+    assert first.searched and not first.lost and errors(arm, first.state, moving[0].state)[0] < 3.0
     seen = [tracker.update(frame.images[0], frame.time) for frame in moving[1:8]]
     hidden = [tracker.update(_blank(frame), frame.time) for frame in moving[8:22]]
     assert [frame.lost for frame in hidden] == [index + 1 >= PATIENCE for index in range(len(hidden))]
     assert all(frame.confidence == 0.0 and frame.points == 0 for frame in hidden)
     # It goes on a little, and comes to rest.
-    moves = [_errors(arm, one.state, other.state)[0] for one, other in pairwise(hidden)]
-    assert moves[-1] < 0.1 and _errors(arm, hidden[-1].state, seen[-1].state)[0] < 20.0
+    moves = [errors(arm, one.state, other.state)[0] for one, other in pairwise(hidden)]
+    assert moves[-1] < 0.1 and errors(arm, hidden[-1].state, seen[-1].state)[0] < 20.0
     again = [tracker.update(frame.images[0], frame.time) for frame in moving[22:]]
     assert not again[-1].lost
-    assert _errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
+    assert errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
 
 
 def test_other_things_in_view_are_not_the_model(arm: pk.ArticulatedModel, moving: Frames) -> None:
@@ -114,7 +102,7 @@ def test_with_a_time_limit_a_lost_model_is_searched_for_beside_the_frames(
         if not tracked.lost:
             break
         time.sleep(0.01)
-    assert tracked.searched and _errors(arm, tracked.state, moving[0].state)[0] < 3.0
+    assert tracked.searched and errors(arm, tracked.state, moving[0].state)[0] < 3.0
 
 
 def test_locked_joints_and_limits_are_kept(arm: pk.ArticulatedModel, moving: Frames) -> None:
@@ -217,7 +205,7 @@ def test_a_joint_that_is_hidden_is_held_and_called_undetermined(arm: pk.Articula
     tracker = pk.Tracker(arm, initial=moving[0].state)
     tracked = [tracker.update(moving[0].images[0], 0.0)]
     assert "elbow" not in tracked[0].undetermined
-    tracked += [tracker.update(_forearm_hidden(arm, frame), frame.time) for frame in moving[1:15]]
+    tracked += [tracker.update(forearm_hidden(arm, frame), frame.time) for frame in moving[1:15]]
     assert all("elbow" in frame.undetermined for frame in tracked[3:])
     moves = [abs(one.state.joints["elbow"] - other.state.joints["elbow"]) for one, other in pairwise(tracked[8:])]
     assert max(moves) < np.radians(1.0)
@@ -225,7 +213,7 @@ def test_a_joint_that_is_hidden_is_held_and_called_undetermined(arm: pk.Articula
     assert not tracked[-1].lost
     again = [tracker.update(frame.images[0], frame.time) for frame in moving[15:]]
     assert "elbow" not in again[-1].undetermined
-    assert _errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
+    assert errors(arm, again[-1].state, moving[-1].state)[0] < 2.0
 
 
 def test_few_frames_of_a_fast_motion_are_followed(arm: pk.ArticulatedModel) -> None:
@@ -235,7 +223,7 @@ def test_few_frames_of_a_fast_motion_are_followed(arm: pk.ArticulatedModel) -> N
         tracker = tracker or pk.Tracker(arm, initial=frame.state)
         tracked = tracker.update(frame.images[0], frame.time)
         assert not tracked.lost
-        joints, base = _errors(arm, tracked.state, frame.state)
+        joints, base = errors(arm, tracked.state, frame.state)
         assert joints < 8.0 and base < 0.005
 
 
@@ -293,42 +281,6 @@ def test_a_round_base_does_not_slip_against_the_joint_on_it(tmp_path: Path) -> N
     assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 2.0
 
 
-def test_a_joint_that_comes_back_is_doubted_until_it_is_tried(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame in moving[1:15]:
-        hidden = tracker.update(_forearm_hidden(arm, frame), frame.time)
-    assert "elbow" in hidden.undetermined
-    back = [tracker.update(frame.images[0], frame.time) for frame in moving[15:]]
-    assert "elbow" in back[0].undetermined and back[0].std["elbow"] > np.radians(5.0)
-    assert "elbow" not in back[-1].undetermined and back[-1].std["elbow"] < np.radians(2.5)
-
-
-def _elbow_back(arm: pk.ArticulatedModel, moving: Frames) -> tuple[pk.Tracker, pk.TrackedFrame]:
-    """Return a tracker of an elbow that was hidden for 14 frames, and the frame in which it is seen again."""
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame in moving[1:15]:
-        tracker.update(_forearm_hidden(arm, frame), frame.time)
-    return tracker, tracker.update(moving[15].images[0], moving[15].time)
-
-
-def test_a_joint_that_is_hidden_again_stays_on_trial(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker, _ = _elbow_back(arm, moving)
-    hidden = tracker.update(_forearm_hidden(arm, moving[16]), moving[16].time)
-    assert "elbow" in hidden.undetermined and hidden.std["elbow"] > np.radians(10.0)
-
-
-def test_a_search_ends_all_trials(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker, back = _elbow_back(arm, moving)
-    (elsewhere,) = simulate_sequence(arm, 1, size=(160, 120), seed=1)
-    for number in range(1, 40):
-        found = tracker.update(elsewhere.images[0], back.time + 0.1 * number)
-        if found.searched and not found.lost:
-            break
-    assert found.searched and not found.lost and "elbow" not in found.undetermined
-
-
 def test_what_noise_is_usual_is_not_forgotten(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracker = pk.Tracker(arm, initial=moving[0].state)
     shown = []
@@ -350,21 +302,6 @@ def test_the_covariance_of_a_frame_is_as_large_as_its_errors(arm: pk.Articulated
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
 
 
-def _forearm_hidden(arm: pk.ArticulatedModel, frame: SimulatedFrame) -> pk.DepthFrame:
-    """The image with something in front of all pixels that show the part beyond the elbow, and some around them."""
-    image = frame.images[0]
-    scan = image.to_scan()
-    placed = arm.root_placement(frame.state) @ arm.part_placements(arm.values(frame.state.joints))
-    distances = []
-    for T, surface in zip(placed, arm.surfaces, strict=True):
-        samples = transform(T, surface.dense.astype(float) * arm.diagonal)
-        distances.append(cKDTree(samples).query(scan.points)[0])
-    shown = np.zeros(image.depth.shape, bool)
-    shown[image.depth > 0.0] = np.argmin(distances, axis=0) == len(distances) - 1
-    covered = binary_dilation(shown, iterations=12)
-    return replace(image, depth=np.where(covered, 0.5 * image.depth[shown].min(), image.depth))
-
-
 def test_what_was_never_found_is_not_known(arm: pk.ArticulatedModel, moving: Frames) -> None:
     tracked = pk.Tracker(arm).update(_blank(moving[0]), 0.0)
     assert tracked.lost and tracked.confidence == 0.0
@@ -380,78 +317,44 @@ def test_arguments_of_other_kinds_are_refused(arm: pk.ArticulatedModel, moving: 
         pk.Tracker(arm).update(moving[0].images[0], "a")  # type: ignore[arg-type]
 
 
-def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    native, motion = tracker._fitting.native, tracker._motion
-    assert motion is not None
-    base = tracker._fitting.inward(motion.T)[None]
-    for varied in ([0, 1], [1, 1]):
-        rows = motion.values + np.linspace(-0.6, 0.6, 7)[:, None] * varied
-        *_, support, cost = zip(*(native.judge(base, row, 0.01) for row in rows), strict=True)
-        weighed = native.weigh(base, rows, np.array(varied, np.uint8), 0.01)
-        np.testing.assert_allclose(weighed, np.array(cost) + 1.0 - np.array(support), atol=1e-3)
-        assert np.argmin(weighed) == 3
-
-
-def test_a_part_has_no_points_of_its_own_where_others_are(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame, shown in ((moving[1].images[0], True), (_forearm_hidden(arm, moving[2]), False)):
-        tracker.update(frame, 0.1 if shown else 0.2)
-        assert tracker._motion is not None
-        base = tracker._fitting.inward(tracker._motion.T)[None]
-        own = tracker._fitting.native.own(base, tracker._motion.values, 0.01)
-        assert own[0] > 20.0 and (own[1] > 20.0) == shown and own[0] >= own[1]
-
-
-def test_a_joint_that_moved_far_while_it_was_hidden_is_found(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame in moving[1:15]:
-        tracker.update(_forearm_hidden(arm, frame), frame.time)
-    assert tracker._motion is not None
-    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, 0.8]))
-    for frame in moving[15:18]:
-        tracked = tracker.update(frame.images[0], frame.time)
-    assert _errors(arm, tracked.state, moving[17].state)[0] < 2.0
-
-
-def test_a_joint_that_stays_hidden_is_tried_ever_less(
-    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tracker, _ = _elbow_back(arm, moving)
-    tracker.update(_forearm_hidden(arm, moving[16]), moving[16].time)
-    tracker._trials._passed[:], tracker._trials._waited[:] = 64, 0
-    monkeypatch.setattr(Usual, "doubts", lambda *_: False)
-    monkeypatch.setattr(Trials, "_best", lambda *_: pytest.fail("tried again at once"))
-    tracker.update(_forearm_hidden(arm, moving[17]), moving[17].time)
-    assert tracker._trials.active
-
-
-def test_values_are_drawn_evenly(arm: pk.ArticulatedModel) -> None:
-    trials = pk.Tracker(arm)._trials
-    for size in (1, 2, 4):
-        trials.clear()
-        drawn = np.concatenate([trials._spaced(24, size), trials._spaced(40, size)])
-        assert drawn.shape == (64, size) and (drawn >= 0.0).all() and (drawn < 1.0).all()
-        for column in drawn.T:
-            assert (np.histogram(column, 8, (0.0, 1.0))[0] >= 5).all()
-        corners = (drawn[:, :2] > 0.5).astype(int) @ (2 ** np.arange(min(size, 2)))
-        assert (np.bincount(corners) >= 10).all()
-
-
-def test_chains_are_the_joints_above_the_last_ones(arm: pk.ArticulatedModel) -> None:
-    joints = Joints.of(arm, ())
-    assert [chain.tolist() for chain in joints.chains(np.array([True, True]))] == [[True, True]]
-    assert [chain.tolist() for chain in joints.chains(np.array([True, False]))] == [[True, False]]
-    assert joints.moves.tolist() == [[True, True], [False, True]]
-
-
 def test_a_fit_that_has_not_settled_goes_on(arm: pk.ArticulatedModel) -> None:
     frames = simulate_sequence(arm, 12, FastMotion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
     worst, tracker = 0.0, None
     for frame in frames:
         tracker = tracker or pk.Tracker(arm, pk.TrackerOptions(iterations=6), initial=frame.state)
-        worst = max(worst, _errors(arm, tracker.update(frame.images[0], frame.time).state, frame.state)[0])
+        worst = max(worst, errors(arm, tracker.update(frame.images[0], frame.time).state, frame.state)[0])
     assert worst < 3.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_plate_that_fills_the_image_takes_nothing_away_from_what_is_known(tmp_path: Path) -> None:
+    visual = '<visual><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'
+    plate, behind = visual.format("0 0 0", "2 2 0.02"), visual.format("0.1 0 0.1", "0.2 0.05 0.05")
+    (tmp_path / "plate.urdf").write_text(
+        f'<robot name="r"><link name="a">{plate}</link><link name="b">{behind}</link>'
+        '<joint name="turn" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+    )
+    model = pk.ArticulatedModel.from_urdf(tmp_path / "plate.urdf")
+    T = exp(np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    T[:3, 3] = [0.1, 0.0, 1.0]
+    columns, rows = np.meshgrid(np.arange(160), np.arange(120))
+    rays = np.stack([(columns - 79.5) / 160.0, (rows - 59.5) / 160.0, np.ones(rows.shape)], axis=-1)
+    front = T[:3, 3] - 0.01 * T[:3, 2]
+    depth = ((T[:3, 2] @ front) / (rays @ T[:3, 2])).astype(np.float32)
+    image = pk.DepthFrame(depth, intrinsics=(160.0, 160.0, 79.5, 59.5))
+    tracker = pk.Tracker(model, pk.TrackerOptions(covariance=True), pk.State(T, {"turn": 0.3}))
+    for index in range(400):
+        tracked = tracker.update(image, 0.2 * index)
+        assert tracked.covariance is not None and np.linalg.eigvalsh(tracked.covariance)[0] > 0.0
+    assert tracked.undetermined == ("turn",)
+
+
+def test_iterations_are_those_of_a_fit_and_where_it_goes_on_of_both_its_runs(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = pk.Tracker(arm, pk.TrackerOptions(iterations=1), moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for doubted in (False, True):
+        monkeypatch.setattr(Usual, "doubts", lambda *_, doubted=doubted: doubted)
+        assert tracker.update(moving[0].images[0], 1.0 + doubted).iterations == 1 + doubted
