@@ -45,6 +45,11 @@ Out<float> to_numpy(const std::vector<Vec> &points) {
 const Vec *vectors(const Points &points) { return reinterpret_cast<const Vec *>(points.data()); }
 std::vector<Vec> copied(const Points &points) { return {vectors(points), vectors(points) + points.shape(0)}; }
 
+// What `work` returns, made while other Python threads may run.
+template <typename Work> auto unlocked(Work work) {
+    nb::gil_scoped_release release;
+    return work();
+}
 void require(bool condition, const char *message) {
     if (!condition) throw std::invalid_argument(message);
 }
@@ -127,11 +132,7 @@ nb::tuple write_assignment(Assignment a) {
 
 void bind_clouds(nb::module_ &m) {
     m.def("thin", [](Points points, float radius) {
-        std::vector<int> kept;
-        {
-            nb::gil_scoped_release release;
-            kept = thin(vectors(points), points.shape(0), radius);
-        }
+        auto kept = unlocked([&] { return thin(vectors(points), points.shape(0), radius); });
         return to_numpy(std::move(kept));
     }, "points"_a, "radius"_a);
     m.def("farthest_points", [](Points points, int count) {
@@ -140,20 +141,12 @@ void bind_clouds(nb::module_ &m) {
     m.def("closest_sample_grid", [](Points samples, std::tuple<float, float, float> origin, float cell, std::tuple<int, int, int> dims, float band) {
         const int d[3] = {std::get<0>(dims), std::get<1>(dims), std::get<2>(dims)};
         require(samples.shape(0) < none, "a surface has at most 65534 samples");
-        std::vector<uint16_t> grid;
-        {
-            nb::gil_scoped_release release;
-            grid = closest_sample_grid(vectors(samples), samples.shape(0), {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)}, cell, d, band);
-        }
+        auto grid = unlocked([&] { return closest_sample_grid(vectors(samples), samples.shape(0), {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)}, cell, d, band); });
         return to_numpy(std::move(grid));
     }, "samples"_a, "origin"_a, "cell"_a, "dims"_a, "band"_a);
     m.def("voxel_means", [](Points points, float cell) {
         std::vector<int> counts, cells;
-        std::vector<Vec> means;
-        {
-            nb::gil_scoped_release release;
-            means = voxel_means(vectors(points), points.shape(0), cell, counts, cells);
-        }
+        auto means = unlocked([&] { return voxel_means(vectors(points), points.shape(0), cell, counts, cells); });
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
     }, "points"_a, "cell"_a);
     m.def("first_of_cells", [](Ints cell_of_point, Ints order, int each) {
@@ -179,66 +172,40 @@ void bind_clouds(nb::module_ &m) {
     }, "points"_a);
     m.def("local_planes", [](Points points, float radius, int threads) {
         require_cells(points, radius);
-        LocalPlanes planes;
-        {
-            nb::gil_scoped_release release;
-            planes = local_planes(vectors(points), points.shape(0), radius, threads);
-        }
+        auto planes = unlocked([&] { return local_planes(vectors(points), points.shape(0), radius, threads); });
         return nb::make_tuple(to_numpy(planes.normal), to_numpy(planes.mean), to_numpy(planes.variances), to_numpy(std::move(planes.neighbours)));
     }, "points"_a, "radius"_a, "threads"_a);
     m.def("apparent_normals", [](Points points, Points normals, float radius, int threads) {
         require_cells(points, radius);
         require(normals.shape(0) == points.shape(0), "one normal per point is needed");
-        std::vector<Vec> apparent;
-        {
-            nb::gil_scoped_release release;
-            apparent = apparent_normals(vectors(points), vectors(normals), points.shape(0), radius, threads);
-        }
+        auto apparent = unlocked([&] { return apparent_normals(vectors(points), vectors(normals), points.shape(0), radius, threads); });
         return to_numpy(apparent);
     }, "points"_a, "normals"_a, "radius"_a, "threads"_a);
     m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
-        Neighbours near;
-        {
-            nb::gil_scoped_release release;
-            near = nearest_neighbours(vectors(points), points.shape(0), vectors(queries), queries.shape(0), count, threads);
-        }
+        auto near = unlocked([&] { return nearest_neighbours(vectors(points), points.shape(0), vectors(queries), queries.shape(0), count, threads); });
         const size_t asked = queries.shape(0), each = near.each;
         return nb::make_tuple(to_numpy(std::move(near.distance), {asked, each}), to_numpy(std::move(near.point), {asked, each}));
     }, "points"_a, "queries"_a, "count"_a, "threads"_a);
     m.def("neighbourhood_variances", [](Points points, Points queries, const std::vector<int> &sizes, int threads) {
         require(!sizes.empty() && sizes.front() > 3 && sizes.back() <= int64_t(points.shape(0)), "a neighbourhood has more than three of the points");
-        std::vector<double> variances;
-        {
-            nb::gil_scoped_release release;
-            variances = neighbourhood_variances(vectors(points), points.shape(0), vectors(queries), queries.shape(0), sizes, threads);
-        }
+        auto variances = unlocked([&] { return neighbourhood_variances(vectors(points), points.shape(0), vectors(queries), queries.shape(0), sizes, threads); });
         return to_numpy(std::move(variances), {sizes.size(), 3, queries.shape(0)});
     }, "points"_a, "queries"_a, "sizes"_a, "threads"_a);
     m.def("openness", [](Points points, Points normals, float cell, int threads) {
         require_cells(points, cell);
         require(points.shape(0) > 0, "there are no points");
         require(points.shape(0) == normals.shape(0), "points and normals differ in length");
-        nb::gil_scoped_release release;
-        std::vector<float> open = openness(vectors(points), vectors(normals), points.shape(0), cell, threads);
-        nb::gil_scoped_acquire acquire;
+        auto open = unlocked([&] { return openness(vectors(points), vectors(normals), points.shape(0), cell, threads); });
         return to_numpy(std::move(open));
     }, "points"_a, "normals"_a, "cell"_a, "threads"_a);
     m.def("components", [](Points points, float radius) {
         require_cells(points, radius);
-        std::vector<int> label;
-        {
-            nb::gil_scoped_release release;
-            label = components(vectors(points), points.shape(0), radius);
-        }
+        auto label = unlocked([&] { return components(vectors(points), points.shape(0), radius); });
         return to_numpy(std::move(label));
     }, "points"_a, "radius"_a);
     m.def("dominant_plane", [](Points points, Points normals, float tolerance, int trials, uint64_t seed) {
         require(points.shape(0) == normals.shape(0), "points and normals differ in length");
-        Plane plane;
-        {
-            nb::gil_scoped_release release;
-            plane = dominant_plane(vectors(points), vectors(normals), points.shape(0), tolerance, trials, seed);
-        }
+        auto plane = unlocked([&] { return dominant_plane(vectors(points), vectors(normals), points.shape(0), tolerance, trials, seed); });
         return nb::make_tuple(plane.normal.x, plane.normal.y, plane.normal.z, plane.offset, plane.inliers);
     }, "points"_a, "normals"_a, "tolerance"_a, "trials"_a, "seed"_a);
 }
@@ -327,10 +294,7 @@ void bind_meshes(nb::module_ &m) {
         const std::vector<Rigid> T = read_placements(placements);
         std::vector<Vec> closest = copied(points);
         std::vector<int> owner;
-        {
-            nb::gil_scoped_release release;
-            closest_on_meshes(meshes, T, reach, threads, closest, owner);
-        }
+        unlocked([&] { closest_on_meshes(meshes, T, reach, threads, closest, owner); });
         return nb::make_tuple(to_numpy(closest), to_numpy(std::move(owner)));
     }, "meshes"_a, "placements"_a, "points"_a, "reach"_a, "threads"_a);
 }
@@ -411,11 +375,7 @@ void bind_search(nb::module_ &m) {
                 for (int k : sampled.back()) require(k >= 0 && k < int(self.field.points.size()), "no such scan point");
             }
             const std::vector<float> weights(point_weights.data(), point_weights.data() + point_weights.shape(0));
-            std::vector<Hypothesis> found;
-            {
-                nb::gil_scoped_release release;
-                found = self.part_hypotheses(wanted, sampled, anchors, seed, keep, weights);
-            }
+            auto found = unlocked([&] { return self.part_hypotheses(wanted, sampled, anchors, seed, keep, weights); });
             return write_hypotheses(found);
         }, "parts"_a, "points"_a, "anchors"_a, "seed"_a, "keep"_a, "point_weights"_a)
         .def("correspondence_hypotheses", [](const Search &self, int part, Points source, Points source_normals, Points target, Points target_normals, Floats weights, uint64_t seed, int keep) {
@@ -425,19 +385,12 @@ void bind_search(nb::module_ &m) {
             std::vector<Correspondence> given;
             for (size_t i = 0; i < count; ++i)
                 given.push_back({{vectors(source)[i], vectors(source_normals)[i]}, {vectors(target)[i], vectors(target_normals)[i]}, weights.data()[i]});
-            std::vector<Hypothesis> found;
-            {
-                nb::gil_scoped_release release;
-                found = self.correspondence_hypotheses(part, given, seed, keep);
-            }
+            auto found = unlocked([&] { return self.correspondence_hypotheses(part, given, seed, keep); });
             return write_hypotheses(found);
         }, "part"_a, "source"_a, "source_normals"_a, "target"_a, "target_normals"_a, "weights"_a, "seed"_a, "keep"_a)
         .def("refine_parts", [](const Search &self, Ints parts, Placements placements, int iterations) {
             auto hypotheses = read_hypotheses(self.model, parts, placements);
-            {
-                nb::gil_scoped_release release;
-                self.refine_parts(hypotheses, iterations);
-            }
+            unlocked([&] { self.refine_parts(hypotheses, iterations); });
             return write_hypotheses(hypotheses);
         }, "parts"_a, "placements"_a, "iterations"_a)
         .def("distinct_parts", [](const Search &self, Ints parts, Placements placements, int keep, float radius) {
@@ -445,21 +398,15 @@ void bind_search(nb::module_ &m) {
         }, "parts"_a, "placements"_a, "keep"_a, "radius"_a)
         .def("distinct_configurations", [](const Search &self, Placements bases, Matrix values, int keep, float apart) {
             const auto configurations = read_configurations(self.model, bases, values);
-            std::vector<int> kept;
-            {
-                nb::gil_scoped_release release;
-                kept = self.distinct(configurations, keep, apart);
-            }
+            auto kept = unlocked([&] { return self.distinct(configurations, keep, apart); });
             return to_numpy(std::move(kept));
         }, "bases"_a, "values"_a, "keep"_a, "apart"_a)
         .def("grow", [](const Search &self, Ints parts, Placements placements, int keep) {
             auto roots = read_hypotheses(self.model, parts, placements);
-            std::vector<Configuration> grown;
-            {
-                nb::gil_scoped_release release;
+            auto grown = unlocked([&] {
                 self.refine_parts(roots, 0);
-                grown = self.grow(roots, keep);
-            }
+                return self.grow(roots, keep);
+            });
             return write_configurations(self.model, grown);
         }, "parts"_a, "placements"_a, "keep"_a)
         .def("regrow", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints start, Ints next, FloatMatrix weights, int keep) {
@@ -473,11 +420,7 @@ void bind_search(nb::module_ &m) {
                 require(e < 0 || self.model.parent[e] == s || self.model.parent[s] == e, "next is no neighbour of start");
                 tasks.push_back({c, s, e, {weights.data() + t * n, weights.data() + (t + 1) * n}});
             }
-            std::vector<Configuration> grown;
-            {
-                nb::gil_scoped_release release;
-                grown = self.regrow(from, tasks, keep);
-            }
+            auto grown = unlocked([&] { return self.regrow(from, tasks, keep); });
             return write_configurations(self.model, grown);
         }, "bases"_a, "values"_a, "configuration"_a, "start"_a, "next"_a, "weights"_a, "keep"_a)
         .def("reach", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints anchor, Ints part, Placements placements, uint64_t seed, int starts, int keep, float tolerance) {
@@ -491,11 +434,7 @@ void bind_search(nb::module_ &m) {
                 require(self.model.surface[p].exists, "a part without a surface cannot be placed");
                 tasks.push_back({c, a, p, read_placement(placements.data() + 16 * t)});
             }
-            std::vector<Configuration> found;
-            {
-                nb::gil_scoped_release release;
-                found = self.reach(from, tasks, seed, starts, keep, tolerance);
-            }
+            auto found = unlocked([&] { return self.reach(from, tasks, seed, starts, keep, tolerance); });
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "anchor"_a, "part"_a, "placements"_a, "seed"_a, "starts"_a, "keep"_a, "tolerance"_a)
         .def("sweep", [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves, Ints with, int keep) {
@@ -507,21 +446,13 @@ void bind_search(nb::module_ &m) {
                 require(c >= 0 && c < int(from.size()) && j >= 0 && j < self.model.joints && w >= -1 && w < self.model.joints, "a task names something that does not exist");
                 tasks.push_back({c, j, base_moves.data()[t] != 0, w});
             }
-            std::vector<Configuration> found;
-            {
-                nb::gil_scoped_release release;
-                found = self.sweep(from, tasks, keep);
-            }
+            auto found = unlocked([&] { return self.sweep(from, tasks, keep); });
             return write_configurations(self.model, found);
         }, "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a)
         .def("score", [](const Search &self, Placements bases, Matrix values, int points, const std::vector<float> &coverage_distances) {
             require(points > 0, "a score needs points");
             const auto configurations = read_configurations(self.model, bases, values);
-            std::vector<Scores> scores;
-            {
-                nb::gil_scoped_release release;
-                scores = self.score(configurations, points, coverage_distances);
-            }
+            auto scores = unlocked([&] { return self.score(configurations, points, coverage_distances); });
             nb::list out;
             for (Scores &s : scores) out.append(nb::make_tuple(to_numpy(std::move(s.total)), to_numpy(std::move(s.coverage)), to_numpy(std::move(s.support), {configurations.size(), size_t(self.model.parts)})));
             return out;
@@ -530,10 +461,7 @@ void bind_search(nb::module_ &m) {
             auto configurations = read_configurations(self.model, bases, values);
             require(part_weights.shape(0) == configurations.size() && int(part_weights.shape(1)) == self.model.parts, "part_weights must be (m, parts)");
             const std::vector<float> weights(part_weights.data(), part_weights.data() + part_weights.size());
-            {
-                nb::gil_scoped_release release;
-                self.refine(configurations, points, iterations, sigma_first, sigma_last, support_weight, weights);
-            }
+            unlocked([&] { self.refine(configurations, points, iterations, sigma_first, sigma_last, support_weight, weights); });
             return write_configurations(self.model, configurations);
         }, "bases"_a, "values"_a, "points"_a, "iterations"_a, "sigma_first"_a, "sigma_last"_a, "support_weight"_a, "part_weights"_a)
         .def("assign", [](const Search &self, Points points, Placements placements, Bytes mask, float cap) {
@@ -555,11 +483,7 @@ void bind_search(nb::module_ &m) {
         }, "points"_a, "placements"_a, "mask"_a, "cap"_a)
         .def("owners", [](const Search &self, Placements placements, Bytes mask, float cap) {
             const PlacedParts placed(self.model, placements, mask);
-            Assignment a;
-            {
-                nb::gil_scoped_release release;
-                a = self.owners(placed.T.data(), placed.used.data(), cap);
-            }
+            auto a = unlocked([&] { return self.owners(placed.T.data(), placed.used.data(), cap); });
             return write_assignment(std::move(a));
         }, "placements"_a, "mask"_a, "cap"_a)
         .def("facing", [](const Search &self, Points normals, Placements placements, Ints part, Ints sample) {
@@ -602,10 +526,7 @@ void bind_search(nb::module_ &m) {
             for (size_t i = 0; i < points.shape(0); ++i) sampled.push_back({vectors(points)[i], vectors(normals)[i]});
             std::vector<Normal> normal;
             std::vector<int> counts;
-            {
-                nb::gil_scoped_release release;
-                normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), along_rays, counts);
-            }
+            unlocked([&] { normal = self.normal_equations(sampled, T, sigma, cap, support_weight, part_weights.data(), along_rays, counts); });
             std::vector<double> H, g;
             for (const Normal &part : normal) H.insert(H.end(), part.H, part.H + 36), g.insert(g.end(), part.g, part.g + 6);
             return nb::make_tuple(to_numpy(std::move(H), {n, 6, 6}), to_numpy(std::move(g), {n, 6}), to_numpy(std::move(counts)));
@@ -627,11 +548,7 @@ void bind_mixture(nb::module_ &m) {
             const size_t parts = self.model.parts, n = jacobians.shape(2);
             require(jacobians.shape(0) == parts && sigma > 0 && volume > 0, "one Jacobian per part, a noise and a volume are needed");
             const std::vector<Rigid> T = part_placements(self.model, placements);
-            MixtureEvidence out;
-            {
-                nb::gil_scoped_release release;
-                out = self.evidence(copied(points), T, jacobians.data(), int(n), sigma, strays, volume, threads);
-            }
+            auto out = unlocked([&] { return self.evidence(copied(points), T, jacobians.data(), int(n), sigma, strays, volume, threads); });
             return nb::make_tuple(out.log_likelihood, to_numpy(std::move(out.g)), to_numpy(std::move(out.H), {n + 1, n + 1}), to_numpy(std::move(out.part_H), {parts, 6, 6}), out.strays);
         }, "points"_a, "placements"_a, "jacobians"_a, "sigma"_a, "strays"_a, "volume"_a, "threads"_a);
 }
@@ -678,11 +595,7 @@ void bind_tracking(nb::module_ &m) {
             require(base.shape(0) == 1 && predicted.shape(0) == 1 && values.size() == k && predicted_values.size() == k && held.size() == k && expected.shape(0) == 6 + k && expected.shape(1) == 6 + k, "one base, one value per joint and an inverse covariance of both are needed");
             Rigid T = read_placement(base.data());
             std::vector<double> fitted(values.data(), values.data() + k);
-            TrackingFit result;
-            {
-                nb::gil_scoped_release release;
-                result = self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), expected.data(), held.data(), sigma_first, sigma_last, noise, iterations, seconds);
-            }
+            auto result = unlocked([&] { return self.fit(T, fitted.data(), read_placement(predicted.data()), predicted_values.data(), expected.data(), held.data(), sigma_first, sigma_last, noise, iterations, seconds); });
             std::vector<double> placed(16);
             write_placement(T, placed.data());
             return nb::make_tuple(to_numpy(std::move(placed), {4, 4}), to_numpy(std::move(fitted)), result.iterations, result.rmse);
@@ -693,11 +606,7 @@ void bind_tracking(nb::module_ &m) {
         }, nb::rv_policy::move)
         .def("judge", [](Tracking &self, Placements base, Doubles values, float tolerance) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints, "one base and one value per joint are needed");
-            TrackingJudgement own;
-            {
-                nb::gil_scoped_release release;
-                own = self.judge(read_placement(base.data()), values.data(), tolerance);
-            }
+            auto own = unlocked([&] { return self.judge(read_placement(base.data()), values.data(), tolerance); });
             return nb::make_tuple(own.noise, own.tolerance, own.coverage, own.agreement, own.visible, own.supported, own.cost);
         }, "base"_a, "values"_a, "tolerance"_a)
         .def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); }, nb::rv_policy::move)
@@ -708,29 +617,20 @@ void bind_tracking(nb::module_ &m) {
         .def("own", [](Tracking &self, Placements base, Doubles values, float tolerance) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints && tolerance > 0, "one base, one value per joint and a tolerance are needed");
             std::vector<float> points;
-            {
-                nb::gil_scoped_release release;
-                self.own(read_placement(base.data()), values.data(), tolerance, points);
-            }
+            unlocked([&] { self.own(read_placement(base.data()), values.data(), tolerance, points); });
             return to_numpy(std::move(points));
         }, "base"_a, "values"_a, "tolerance"_a)
         .def("weigh", [](Tracking &self, Placements base, Matrix values, Bytes varied, float tolerance) {
             require(base.shape(0) == 1 && int(values.shape(1)) == self.model.joints && int(varied.size()) == self.model.joints && tolerance > 0, "one base, one value per joint in each row and a tolerance are needed");
             std::vector<float> against(values.shape(0));
-            {
-                nb::gil_scoped_release release;
-                self.weigh(read_placement(base.data()), values.data(), int64_t(values.shape(0)), varied.data(), tolerance, against.data());
-            }
+            unlocked([&] { self.weigh(read_placement(base.data()), values.data(), int64_t(values.shape(0)), varied.data(), tolerance, against.data()); });
             return to_numpy(std::move(against));
         }, "base"_a, "values"_a, "varied"_a, "tolerance"_a)
         .def("sweep", [](Tracking &self, Placements base, Doubles values, int variable, double range, float sigma) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints && variable >= 0 && variable < 6 + self.model.joints, "one base, one value per joint and one of these variables are needed");
             std::vector<double> changes;
             std::vector<float> scores;
-            {
-                nb::gil_scoped_release release;
-                self.sweep(read_placement(base.data()), values.data(), variable, range, sigma, changes, scores);
-            }
+            unlocked([&] { self.sweep(read_placement(base.data()), values.data(), variable, range, sigma, changes, scores); });
             return nb::make_tuple(to_numpy(std::move(changes)), to_numpy(std::move(scores)));
         }, "base"_a, "values"_a, "variable"_a, "range"_a, "sigma"_a);
 }
