@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answers.answer_search import total_coverage
+from pwralign_kin.estimation.answers.ranking import total_coverage
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.options import EstimatorOptions, changed
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.estimation.answers.plainly_right import PLAIN_OFF, is_explained, is_plainly_right, off_surface
+from pwralign_kin.estimation.answers.ranking import better_ranked, ranked, ranks
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
@@ -21,7 +21,7 @@ from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
-from pwralign_kin.estimation.search.tree_search import BAND, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS, Float
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -31,13 +31,6 @@ from pwralign_kin.se3 import Array
 
 WARM_SIGMAS = (0.06, 0.03, 0.1)
 """Robust scales (model diagonals) that a guess is refined from, until the answer is plainly right."""
-PLAIN_UNEXPLAINED = 0.004
-"""An answer that is plainly right leaves no greater share of the scan unexplained, ..."""
-PLAIN_OFF, PLAIN_OFF_PART, PLAIN_POINTS = 0.01, 0.1, 25
-"""... no more of the points farther from it than noise explains, be it of all points or of those of one part (or of so
-many, where it has fewer), ..."""
-PLAIN_SUPPORT = -0.12
-"""... and has no part that a single view speaks against by more."""
 NUDGES, NUDGED, NUDGE_SIGMA = 3, 4, 0.04
 """How often in a row each joint of an answer near a guess is swept, at most, how many of the swept are then refined,
 and from which robust scale: refinement alone leaves joints at values from which no small step is better."""
@@ -59,9 +52,6 @@ READING_GAIN = 0.001
 """... as long as the scores that answers are ranked by gain this, ..."""
 SOUND = 0.85
 """... and unless it is this sound."""
-SAMPLING, ANYWHERE = 0.002, 0.02
-"""Distance (model diagonals) that samples of the surface leave beside the noise, and density of points that are not on
-the model against that of the noise at its peak."""
 AGREE = 0.01
 """Two searches agree if the scores of their answers differ by less."""
 
@@ -543,103 +533,3 @@ class AnswerSearch:
             "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
             "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
         )
-
-
-def is_plainly_right(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
-    """Return whether one candidate explains its scan to within the noise, part by part, with nothing against it.
-
-    `doubt` times as many points as usual may speak against it.
-    """
-    if not is_explained(search, candidate, doubt):
-        return False
-    support = search.scored(candidate)[1][0]
-    if search.poorly_supported(support).any():
-        return False
-    return not search.observation.single_view or float(support[search.exists].min()) > PLAIN_SUPPORT
-
-
-def is_explained(search: TreeSearch, candidate: Candidates, doubt: float = 1.0) -> bool:
-    """Return whether one candidate explains all points of its scan of the model but for a few, or `doubt` times as
-    many."""
-    distance, owner = search.owners(candidate, search.exists)
-    if (distance > search.reach).mean() > doubt * PLAIN_UNEXPLAINED:
-        return False
-    off = off_surface(search, distance)
-    points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
-    off_part = np.bincount(owner[off & (owner >= 0)], minlength=len(search.exists))
-    return bool(
-        off.mean() <= doubt * PLAIN_OFF
-        and (off_part <= doubt * PLAIN_OFF_PART * np.maximum(points, PLAIN_POINTS)).all()
-    )
-
-
-def off_surface(search: TreeSearch, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which of the distances of scan points from the model are beyond what noise explains."""
-    return np.asarray(distance > search.noise_reach)
-
-
-def ranked(search: TreeSearch, candidates: Candidates) -> Candidates:
-    """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
-    return Candidates(candidates.bases, candidates.values, ranks(search, candidates)).best_first()
-
-
-def better_ranked(search: TreeSearch, before: Candidates, refined: Candidates) -> Candidates:
-    """Return of each candidate what it was `before` or what it is `refined`, whichever ranks higher, in the same order.
-
-    In a scene, refinement pulls the model to what touches it, too.
-    """
-    count = len(before)
-    both = Candidates.concatenate([before, refined])
-    scores = ranks(search, both)
-    return Candidates(both.bases, both.values, scores).take(
-        np.where(scores[count:] >= scores[:count], np.arange(count, 2 * count), np.arange(count))
-    )
-
-
-def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
-    """Return the scores that `ranked` ranks by."""
-    both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
-    return np.asarray(both_ways + finest(search, candidates), np.float32)
-
-
-def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
-    """Return the part of these scores that is coverage of the scan."""
-    covered = search.scored_both_ways(candidates, _tight(search, candidates))[1]
-    return np.asarray(search.coverage_scale * covered, np.float32)
-
-
-def _tight(search: TreeSearch, candidates: Candidates) -> float:
-    """Return the distance of the tight score, the first candidate being the best known."""
-    blur = search.observation.noise
-    if search.observation.scene:
-        # Sensors bend whole surfaces besides their noise: what the best answer leaves must not count against it.
-        blur = max(blur, search.residual(candidates.take([0])))
-    return 0.012 + 1.5 * min(blur, 0.012)
-
-
-def finest(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
-    """Return the mean logarithm of the likelihood of the scan's points, each on the model but for noise, or anywhere.
-
-    Where a small part is wrong, other surface often lies so near to its points that wider scores hardly see it.
-    """
-    if search.observation.scene:
-        return np.zeros(len(candidates), np.float32)  # most of it is other things
-    if len(candidates) == 1:
-        distances = search.given_owners(candidates)[0][None]
-    else:
-        placements = search.part_placements(candidates)
-        distances = search.distances(search.observation.given, placements, search.exists, BAND)
-    return np.asarray(_log_likelihoods(search, distances, distances[0]).mean(axis=1), np.float32)
-
-
-def point_likelihoods(search: TreeSearch, candidate: Candidates) -> tuple[Float, NDArray[np.int32]]:
-    """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
-    that it is nearest to."""
-    distances, part = search.given_owners(candidate)
-    return _log_likelihoods(search, distances, distances), part
-
-
-def _log_likelihoods(search: TreeSearch, distances: Float, of_best: Float) -> Float:
-    # The noise counts, and what a bent scan leaves beside it.
-    noise = math.hypot(max(search.observation.noise, search.residual_of(of_best)), SAMPLING)
-    return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS, finest, ranked, ranks
+from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS
 from pwralign_kin.estimation.answers.mending import mended
+from pwralign_kin.estimation.answers.ranking import finest, ranked, ranks
 from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answers.answer_search import SAMPLING, finest, point_likelihoods, ranked, ranks
+from pwralign_kin.estimation.answers.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.answers.answer_search import finest
+from pwralign_kin.estimation.answers.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
 from pwralign_kin.estimation.doubt.joint_profile import profiled
 from pwralign_kin.estimation.doubt.uncertainty import (

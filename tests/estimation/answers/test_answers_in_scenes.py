@@ -7,8 +7,9 @@ import pytest
 from searched_scenes import observed, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch, better_ranked
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
+from pwralign_kin.estimation.answers.ranking import better_ranked
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
