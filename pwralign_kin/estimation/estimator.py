@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
+from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
 from pwralign_kin.estimation.doubt.observability import doubted
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.other_size import other_size
@@ -98,7 +99,8 @@ class Estimator:
         with watch.stage("observe"):
             observation = self._observe(scan, initial, surroundings, turned)
             search = self._search(observation, prior, lower, upper)
-        answers = AnswerSearch(self.model, search, self.options, correspondences, watch)
+        searching = SceneAnswerSearch if observation.scene else AnswerSearch
+        answers = searching(self.model, search, self.options, correspondences, watch)
         if initial is None:
             solutions = answers.without_guess()
         else:

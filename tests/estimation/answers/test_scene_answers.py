@@ -7,9 +7,9 @@ import pytest
 from searched_scenes import observed, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.ranking import better_ranked
+from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
@@ -35,7 +35,7 @@ def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     monkeypatch.setattr(RegionSearch, "candidates", counted)
     pk.estimate(excavator, scene.scan)
     assert searches == [False]
-    monkeypatch.setattr("pwralign_kin.estimation.answers.answer_search.confidence", lambda _: 0.0)
+    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: 0.0)
     pk.estimate(excavator, scene.scan)
     assert searches == [False, False, True]
 
@@ -47,7 +47,7 @@ def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     search = searching(excavator, ready)
     astray = true_and_moved(excavator, scene, ready).take([0])
     astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
-    answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    answers = SceneAnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
 
     closely = answers._closely(search.about(astray, SceneSearchOptions().focus))
     looked = closely._found(0, closely.search, astray)
@@ -62,9 +62,9 @@ def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    looked, candidates = AnswerSearch._looked_at_again, RegionSearch.candidates
+    looked, candidates = SceneAnswerSearch._looked_at_again, RegionSearch.candidates
 
-    def look(own: AnswerSearch, seed: int, answer: Candidates) -> Candidates:
+    def look(own: SceneAnswerSearch, seed: int, answer: Candidates) -> Candidates:
         told.append("look")
         return looked(own, seed, answer)
 
@@ -72,11 +72,11 @@ def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
         told.append("search")
         return candidates(own, seed, outside, further=further)
 
-    monkeypatch.setattr(AnswerSearch, "_looked_at_again", look)
+    monkeypatch.setattr(SceneAnswerSearch, "_looked_at_again", look)
     monkeypatch.setattr(RegionSearch, "candidates", search)
     options = SceneSearchOptions()
     doubted = 0.5 * (options.confident + options.sure)
-    monkeypatch.setattr("pwralign_kin.estimation.answers.answer_search.confidence", lambda _: doubted)
+    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: doubted)
     pk.estimate(excavator, scene.scan)
     assert told == ["search", "look"]
 
@@ -88,7 +88,7 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
     search = searching(excavator, ready)
     true, astray = (true_and_moved(excavator, scene, ready).take([0]) for _ in range(2))
     astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
-    answers = AnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    answers = SceneAnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
 
     found = answers._looked_at_again(0, search.scored(astray)[0]).take([0])
 
@@ -101,7 +101,7 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
 def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     search = searching(excavator, observed(excavator, scene.scan))
     options = pk.EstimatorOptions(threads=2)
-    answers = AnswerSearch(excavator, search, options, None, Stopwatch())
+    answers = SceneAnswerSearch(excavator, search, options, None, Stopwatch())
     regions = RegionSearch(search, options.scene_search, None, pairs=True, faces=FaceOptions())
     candidates = regions.candidates(0, Hypotheses.nothing(), further=False)
     assert candidates is not None

@@ -1,0 +1,175 @@
+"""The search for whole answers to a scene: where the model may be, and close looks at that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pwralign_kin.estimation.answers.answer_search import WORTH_WIDE_BEAMS, AnswerSearch
+from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import gathered
+from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.search.continuation import best_priced, priced
+from pwralign_kin.estimation.search.repair import repair
+from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
+from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
+from pwralign_kin.estimation.sensing.scene import close_up
+from pwralign_kin.estimation.stopwatch import Stopwatch
+from pwralign_kin.se3 import Array
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A close look at one candidate of a scene."""
+
+    focused: TreeSearch
+    """The scene about it."""
+    closely: AnswerSearch
+    """The search of what is about it as a scan of the model alone, ..."""
+    found: Candidates
+    """... what that found, ..."""
+    best: Candidates
+    """... and the best of these (one), scored in the scene."""
+
+
+class SceneAnswerSearch(AnswerSearch):
+    """The search for the answers to one scene, which the model is somewhere in."""
+
+    def without_guess(self) -> Candidates:
+        """Search a scene, region by region, and repair what is found, until an answer is sound."""
+        options = self.options.scene_search
+        regions = RegionSearch(
+            self.search, options, self.near, pairs="pairs" in self.options.sources,
+            faces=self.options.faces if "faces" in self.options.sources else None,
+        )  # fmt: skip
+        several: list[Candidates] = []
+        answers: list[Candidates] = []
+        looked: list[Candidates] = []
+        again: list[Candidates] = []
+        for attempt in range(self.effort.searches):
+            seed = self.options.seed + attempt
+            with self.watch.stage("regions"):
+                found = regions.candidates(seed, self._outside(seed), further=attempt > 0)
+            if found is None:
+                raise self._nothing_placed
+            several.append(found)
+            left = unlike(self.search, Candidates.concatenate(several), answers, options.apart).best_first()
+            if len(left):
+                with self.watch.stage("repair"):
+                    answers.append(self._repaired_one_by_one(seed, left, looked))
+            best = self._distinct(answers)
+            sure = self._sureness(best)
+            if sure >= options.sure:
+                break
+            if len(unlike(self.search, best.take([0]), again, self.search.options.distinct)):
+                with self.watch.stage("repair"):
+                    answers.append(self._looked_at_again(seed, best.take([0])))
+                best = self._distinct(answers)
+                again.append(best.take([0]))
+                sure = self._sureness(best)
+            if sure >= options.confident:
+                break
+        return best
+
+    def from_guess(self, base: Array, values: Array) -> Candidates:
+        """Return the answers near a guess, best first, of which none is plainly right in a scene."""
+        search, start = self.search, Candidates.single(base, values)
+        with self.watch.stage("refinement"):
+            refined = Candidates.concatenate(list(self._refined_from_all_scales(start))).best_first()
+        with self.watch.stage("repair"):
+            solutions = repair(search, refined, self.repairing, turn=False)
+            if self.effort.wide_beams and self._lacking(solutions.take([0])) > WORTH_WIDE_BEAMS:
+                solutions = self._repaired_with_wide_beams(search, solutions)
+        # Things may touch the model.
+        if search.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
+            return self._distinct([solutions, self.without_guess()])
+        return solutions
+
+    def _looked_at_again(self, seed: int, answer: Candidates) -> Candidates:
+        """Return what a close look at one answer to a scene finds, itself if nothing.
+
+        The look that found it was about a configuration of which limbs were elsewhere, and drew other samples.
+        """
+        look = self._look(seed + self.effort.searches, answer)
+        return answer if look is None else self._repaired(look)
+
+    def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
+        """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
+        one answer is convincing, or better than repair makes what the others found."""
+        search, options = self.search, self.options.scene_search
+        looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
+        if not looks:
+            return self._distinct([priced(search, candidates)])
+        several: list[Candidates] = []
+        for look in looks[: max(1, round(options.finalists * search.share_tried))]:
+            best = max((float(own.scores[0]) for own in several), default=-np.inf)
+            if look.best.scores[0] < best - options.gained:
+                break
+            several.append(self._repaired(look))
+            if is_convincing(search, several[-1].take([0]), options):
+                break
+        return self._distinct(several)
+
+    def _repaired(self, look: _Look) -> Candidates:
+        """Return the answers that repair makes of what a close look found, closely and then in the scene."""
+        rounds = min(self.options.scene_search.rounds, self.repairing.rounds)
+        short = replace(self.repairing, rounds=rounds, early_rounds=0)
+        repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
+        solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
+        # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
+        return self._distinct([look.best, priced(self.search, self.search.scored(solutions)[0])])
+
+    def _looks(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Iterator[_Look]:
+        """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
+        one is convincing. What was `looked` at before is not looked at again; it grows.
+
+        A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
+        it explains more.
+        """
+        search, options = self.search, self.options.scene_search
+        scored = priced(search, candidates)
+        rankings = scored, Candidates(scored.bases, scored.values, search.coverage(scored))
+        for rank in range(max(1, round(options.leaders * search.share_tried))):
+            left = unlike(search, rankings[rank % 2], looked, options.apart)
+            if len(left) == 0:
+                return
+            leader = left.best_first().take([0])
+            looked.append(leader)
+            look = self._look(seed, leader)
+            if look is None:
+                continue
+            looked.append(look.best)
+            yield look
+            if is_convincing(search, look.best, options):
+                return
+
+    def _look(self, seed: int, leader: Candidates) -> _Look | None:
+        """Return a close look at one candidate of a scene, None if nothing is near it."""
+        search = self.search
+        focused = search.about(leader, self.options.scene_search.focus)
+        if focused is search or focused.searched.sum() < LEAST_POINTS:
+            return None
+        closely = self._closely(focused)
+        found = closely._found(seed, closely.search, leader)
+        return _Look(focused, closely, found, best_priced(search, search.scored(found)[0]))
+
+    def _closely(self, focused: TreeSearch) -> AnswerSearch:
+        """Return a search that takes the `focused` points of a scene for a scan of the model alone.
+
+        Among so much less, more hypotheses are about the model, and all that is near it should be explained.
+        """
+        options, scene = self.options, self.search.observation
+        view = close_up(scene, focused.searched, options.observation, options.scene, self.search.threads)
+        # Its stages are all repair of the scene. Correspondences have had their say in the whole of it.
+        return AnswerSearch(self.model, self.search.of(view), options, None, Stopwatch(self.watch.progress))
+
+    def _sureness(self, solutions: Candidates) -> float:
+        """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much
+        of what is near it unexplained."""
+        evidence, options = gathered(self.search, solutions.take([0]), solutions), self.options.scene_search
+        alone = 1.0 - evidence.explained <= options.unexplained and evidence.continued <= options.continued
+        return confidence(evidence) if alone and soundness(evidence) >= options.sound else 0.0
