@@ -23,4 +23,5 @@ GOOD = Evidence(
     points_per_part=300.0,
     size=1.0,
     size_gain=0.0,
+    mirrored=0.0,
 )

@@ -110,7 +110,7 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
             in_sight=random.uniform(0.7, 0.9) if present else random.uniform(0.2, 0.5),
             agreed=0.95, explained=1.0 if present else 0.5,
             strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), refuted=0.0, continued=0.0,
-            points_per_part=random.uniform(1.0, 30.0), size=1.0, size_gain=0.0,
+            points_per_part=random.uniform(1.0, 30.0), size=1.0, size_gain=0.0, mirrored=0.0,
         )  # fmt: skip
         right = present and random.random() < logistic(confidence.RIGHT, confidence.features(found))
         return dataclasses.replace(outcome(0.5, right), evidence=dataclasses.asdict(found))

@@ -45,9 +45,13 @@ def confidence(evidence: Evidence) -> float:
     logistic regressions. It fades to nothing where the points fill a volume, or make the mirror image of the model.
     """
     chance = logistic(PRESENT, presence_features(evidence)) * logistic(RIGHT, features(evidence))
+    return on_surface(evidence) * _of_this_hand(evidence) * chance
+
+
+def _of_this_hand(evidence: Evidence) -> float:
+    """Return how far the scan is no mirror image, from 1 to 0."""
     least, most = MIRRORED
-    of_this_hand = float(np.clip((most - evidence.mirrored) / (most - least), 0.0, 1.0))
-    return on_surface(evidence) * of_this_hand * chance
+    return float(np.clip((most - evidence.mirrored) / (most - least), 0.0, 1.0))
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:

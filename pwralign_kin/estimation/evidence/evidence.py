@@ -111,7 +111,7 @@ class Evidence:
     size_gain: float
     """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
 
-    mirrored: float = 0.0
+    mirrored: float
     """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
 
 
@@ -162,6 +162,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         float(points.sum() / search.exists.sum()),
         SAME_SIZE.factor,
         SAME_SIZE.gain,
+        mirrored=0.0,
     )
 
 
