@@ -30,7 +30,7 @@ MESH_FORMATS = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
 GREY = (0.7, 0.7, 0.7, 1.0)
 """Colour of geometry that names none."""
 
-_READER = "geometry-1"  # part of the cache key: changes whenever the reading of meshes does
+_READER = "geometry-2"  # part of the cache key: changes whenever the reading of meshes does
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,13 +278,7 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
     """
     import trimesh
 
-    scene = trimesh.load_scene(
-        io.BytesIO(files[path.name]),
-        file_type=path.suffix.lower().removeprefix("."),
-        resolver=files,  # no other file is opened: no texture, nothing outside
-        process=False,
-        ignore_broken=True,
-    )
+    scene = _scene(path, files)
     unit = _dae_unit(files[path.name]) if path.suffix.lower() == ".dae" else 1.0
     if mesh_units == "ignore" and abs(unit - 1.0) > 1e-9:
         report.units[path.name] = unit
@@ -309,6 +303,28 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
         report.degenerate[path.name] = report.degenerate.get(path.name, 0) + dropped
     bodies = [_joined(pieces, color) for color, pieces in by_color.items()]
     return [body for body in bodies if len(body.faces)]
+
+
+def _scene(path: Path, files: Mapping[str, bytes]) -> Any:
+    """The file as a trimesh scene; what a DAE shows in a material that is broken comes without its colours."""
+    import trimesh
+
+    def read(data: bytes) -> Any:
+        return trimesh.load_scene(
+            io.BytesIO(data),
+            file_type=path.suffix.lower().removeprefix("."),
+            resolver=files,  # no other file is opened: no texture, nothing outside
+            process=False,
+            ignore_broken=True,
+        )
+
+    data = files[path.name]
+    scene = read(data)
+    if path.suffix.lower() == ".dae":
+        shown = re.findall(rb"<instance_geometry\b[^>]*\burl\s*=\s*[\"']#([^\"']+)", data)
+        if not all(any(name.startswith(one.decode(errors="replace")) for name in scene.geometry) for one in shown):
+            return read(re.sub(rb"<bind_material\b.*?</bind_material\s*>", b"", data, flags=re.DOTALL))
+    return scene
 
 
 def _dae_unit(data: bytes) -> float:

@@ -323,19 +323,26 @@ class _Reader:
         return roots[0] if roots else None
 
     def _resolve_mimics(self, joints: list[Joint]) -> list[Joint]:
-        """Replace chains (a mimic of a mimic) by relations to actuated joints."""
+        """Replace chains (a mimic of a mimic) by relations to actuated joints.
+
+        Whatever mimics a joint that is not there, or does not move, moves by itself.
+        """
         by_name = {joint.name: joint for joint in joints}
-        return [dataclasses.replace(joint, mimic=self._resolved(joint, by_name)) for joint in joints]
+        unled: list[str] = []
+        for joint in joints:
+            leader = None if joint.mimic is None else by_name.get(joint.mimic.joint)
+            if joint.mimic is not None and (leader is None or leader.kind == "fixed"):
+                fault = "is fixed" if leader else "is not there"
+                unled.append(f"{joint.name!r} of {joint.mimic.joint!r}, which {fault}")
+                by_name[joint.name] = dataclasses.replace(joint, mimic=None)
+        if unled:
+            self.warnings.append(f"mimics of joints that cannot lead, taken as joints of their own: {'; '.join(unled)}")
+        return [dataclasses.replace(joint, mimic=self._resolved(joint, by_name)) for joint in by_name.values()]
 
     def _resolved(self, joint: Joint, by_name: dict[str, Joint]) -> Mimic | None:
         mimic, names = joint.mimic, [joint.name]
         while mimic is not None:
-            leader = by_name.get(mimic.joint)
-            if leader is None or leader.kind == "fixed":
-                problem = "does not exist" if leader is None else "is fixed"
-                if len(names) == 1:
-                    self.faults.append(f"joint {joint.name!r} mimics {mimic.joint!r}, which {problem}")
-                return None
+            leader = by_name[mimic.joint]
             if leader.name in names:
                 if leader.name == joint.name:
                     self.faults.append(f"joints mimic in a circle: {' -> '.join([*names, leader.name])}")

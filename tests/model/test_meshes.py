@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -203,6 +204,15 @@ def test_a_mesh_of_degenerate_triangles_only(read: Read, tmp_path: Path) -> None
     trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False).export(tmp_path / "line.ply")
     with pytest.raises(ModelError, match="no triangles"):
         read(mesh_link("line.ply"))
+
+
+def test_broken_materials_of_dae_files_cost_their_colours_only(read: Read, tmp_path: Path) -> None:
+    wedge().export(tmp_path / "wedge.dae")
+    text = (tmp_path / "wedge.dae").read_text()
+    broken = re.sub(r'(<instance_material\b[^>]*\btarget=")#', r"\1#lost-", text)
+    assert broken != text
+    (tmp_path / "wedge.dae").write_text(broken)
+    assert as_trimesh(read(mesh_link("wedge.dae")).parts[0]).volume == pytest.approx(1.0)
 
 
 # ---- units of DAE files
