@@ -251,9 +251,8 @@ def _observed(
     noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
     points = np.ascontiguousarray(cells.points[kept])
     normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
-    normals = preparation.oriented_normals(
-        points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
-    )
+    origins = preparation.origins_of(points, cells.scan, cells.centre, cells.diagonal, threads)
+    normals = preparation.oriented_normals(points, normals, origins, spacing, threads)
     if cells.origin is not None:
         faced = preparation.facing(points, normals, cells.origin, preparing) | (region[kept] < 0)
         kept, points, normals = kept[faced], np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
