@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
-from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene
+from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
 from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -77,6 +78,12 @@ class Estimator:
         self.threads = options.threads or os.cpu_count() or 1
         self.prior_std = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names])
         self.prior_std /= model.joint_scales
+
+    @cached_property
+    def scenes(self) -> SceneSetup:
+        """How scenes are prepared for the model."""
+        model, options = self.model, self.options
+        return SceneSetup(model.surfaces, model.diagonal, model.reach, options.observation, options.scene, self.threads)
 
     def fit(
         self,
@@ -169,7 +176,7 @@ class Estimator:
         model, options = self.model, self.options
         self._check_hints(scan)
         if options.region is None and surroundings is None:
-            if not is_scene(scan, model.diagonal, model.reach, options.scene, options.observation, self.threads):
+            if not is_scene(scan, self.scenes):
                 near = without_far_points(scan, model.reach)
                 return observe(near, model.diagonal, options.observation, self.threads, turned)
             if scan.sensor_origin is None:
@@ -179,9 +186,7 @@ class Estimator:
                     scan.source,
                 )
         box = self._searched_box(initial)
-        return observe_scene(
-            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads, surroundings
-        )
+        return observe_scene(scan, self.scenes, box, surroundings)
 
     def _check_hints(self, scan: Scan) -> None:
         """Raise `ScanError` for hints that lead away from the scan."""

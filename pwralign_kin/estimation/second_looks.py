@@ -115,9 +115,7 @@ def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> 
     near = without_far_points(fit.scan, model.reach)
     left = estimate.scan_labels[near.source_index] < 0
     left &= was_prepared(observation, near.points, options.observation)
-    surroundings = surroundings_of(
-        near, left, model.surfaces, model.diagonal, options.observation, options.scene, estimator.threads
-    )
+    surroundings = surroundings_of(near, left, estimator.scenes)
     other = _again(estimator, fit, near, surroundings) if surroundings.any() else None
     if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
         return fit, estimate

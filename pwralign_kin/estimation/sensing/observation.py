@@ -383,7 +383,7 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
 
-def origins_of(points: Float, scan: Scan, centre: Array, diagonal: float, threads: int) -> Array | None:
+def origins_of(points: Float, scan: Scan, centre: Array, diagonal: float, threads: int) -> Float | Array | None:
     """Return where prepared points were seen from, in search units: (3,) if all of the scan was from one place, else of
     each (n, 3) where the given point nearest to it was; None where that is unknown."""
     origin = common_origin(scan, centre, diagonal)
@@ -446,7 +446,9 @@ def _without_strays(points: Float, options: ObservationOptions, threads: int) ->
     return np.ascontiguousarray(points), median(sixth)
 
 
-def oriented_normals(points: Float, normals: Float, origins: Array | None, spacing: float, threads: int) -> Float:
+def oriented_normals(
+    points: Float, normals: Float, origins: Float | Array | None, spacing: float, threads: int
+) -> Float:
     """Turn normals towards the sensor origins, (3,) or one a point (n, 3), or without any towards the open side."""
     if origins is None:
         cell = max(0.025, 0.9 * spacing)
