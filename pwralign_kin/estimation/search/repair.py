@@ -153,8 +153,6 @@ def repair_moves(
         # A small part that is wrong leaves little unexplained where other surface lies near to its points.
         votes = [voted(search, solution, options.votes, seed, doubting=way, by_noise=True) for way in (False, True)]
         moves += [vote for vote in votes if vote is not None]
-    if not single:
-        moves += _without_absent(search, solution, exists & (support < 0.2))
     if foremost:
         moves.append(_swept(search, solution, options.held_limbs))
     if turn:
@@ -266,22 +264,6 @@ def _compound_joints(search: TreeSearch, lacking: Bool) -> tuple[NDArray[np.int3
     pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
     first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
-
-
-def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:
-    """Regrow around parts that the scan lacks as if they had no surface: they must not pull their neighbours."""
-    exists, parent = search.exists, search.parent
-    if not absent.any() or absent.sum() > max(2, 0.3 * exists.sum()):
-        return []
-    weights = np.asarray(search.weights * ~absent, np.float32)
-    below = _subtrees(search)
-    near = absent.copy()
-    near[parent[1:][absent[1:]]] = True
-    near[1:] |= absent[parent[1:]]
-    cut = [i for i in np.flatnonzero(near) if i > 0 and (below[i] & exists).any()]
-    if not cut:
-        return []
-    return [_regrow(search, solution, [int(parent[i]) for i in cut], [int(i) for i in cut], weights, 8)]
 
 
 def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
