@@ -151,8 +151,8 @@ def repair_moves(
         moves += [vote for vote in votes if vote is not None]
     elif foremost and misfits(search, solution, options.votes) >= options.votes.least_misfits:
         # A small part that is wrong leaves little unexplained where other surface lies near to its points.
-        votes = [voted(search, solution, options.votes, seed, doubting=way, by_noise=True) for way in (False, True)]
-        moves += [vote for vote in votes if vote is not None]
+        vote = voted(search, solution, options.votes, seed, doubting=False, by_noise=True)
+        moves += [] if vote is None else [vote]
     if foremost:
         moves.append(_swept(search, solution, options.held_limbs))
     if turn:
