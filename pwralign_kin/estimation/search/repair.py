@@ -131,14 +131,13 @@ def repair_moves(
     """
     support = search.scored(solution)[1][0]
     unexplained = search.unexplained(solution)
-    exists, single = search.exists, search.observation.single_view
-    usual = float(np.median(support[exists]))
+    exists = search.exists
     bad = search.poorly_supported(support)
     missing = unexplained > options.unexplained
     moves: list[Candidates] = []
     placements = search.part_placements(solution)[0]
     if bad.any() or missing:
-        moves += _regrown(search, solution, support, bad, missing, usual, options)
+        moves += _regrown(search, solution, _Faults(support, bad, missing), options)
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
@@ -157,7 +156,7 @@ def repair_moves(
         moves.append(_swept(search, solution, options.held_limbs))
     if turn:
         moves += _turned(search, placements, options)
-        if not single:
+        if not search.observation.single_view:
             moves += _slid(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
 
@@ -171,17 +170,23 @@ def _subtrees(search: TreeSearch) -> Bool:
     return below
 
 
-def _regrown(
-    search: TreeSearch,
-    solution: Candidates,
-    support: NDArray[np.float32],
-    bad: Bool,
-    missing: bool,
-    usual: float,
-    options: RepairOptions,
-) -> list[Candidates]:
+@dataclass(frozen=True)
+class _Faults:
+    """What speaks against a solution."""
+
+    support: NDArray[np.float32]
+    """(parts,)"""
+    bad: Bool
+    """(parts,) which parts the evidence speaks against."""
+    missing: bool
+    """Whether the scan holds points far from the model."""
+
+
+def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options: RepairOptions) -> list[Candidates]:
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
     count, exists, parent = len(search.exists), search.exists, search.parent
+    support, bad, missing = faults.support, faults.bad, faults.missing
+    usual = float(np.median(support[exists]))
     below = _subtrees(search)
     near = bad | search.lacks(solution) if missing else bad.copy()
     if missing and count <= 14:
@@ -208,24 +213,7 @@ def _regrown(
             nexts.append(following)
     if not starts:
         return []
-    return [_regrow(search, solution, starts, nexts, search.weights, options.alternatives)]
-
-
-def _regrow(
-    search: TreeSearch,
-    solution: Candidates,
-    starts: list[int],
-    nexts: list[int],
-    weights: NDArray[np.float32],
-    keep: int,
-) -> Candidates:
-    tasks = len(starts)
-    return Candidates(
-        *search.native.regrow(
-            solution.bases, solution.values, np.zeros(tasks, np.int32), np.array(starts, np.int32),
-            np.array(nexts, np.int32), np.tile(weights, (tasks, 1)), keep,
-        )
-    )  # fmt: skip
+    return [search.regrown(solution, [0] * len(starts), starts, nexts, options.alternatives)]
 
 
 def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candidates:

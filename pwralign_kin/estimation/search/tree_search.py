@@ -19,6 +19,7 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Index = Sequence[int] | NDArray[Any]
 Look = TypeVar("Look", bound=tuple[NDArray[Any], ...])
 
 FOCUS_PROBES = 60
@@ -341,10 +342,21 @@ class TreeSearch:
     def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
         """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""
         count = len(bases)
-        values = np.tile(self.neutral, (count, 1))
-        each, root = np.arange(count, dtype=np.int32), np.zeros(count, np.int32)
-        weights = np.tile(self.weights, (count, 1))
-        return Candidates(*self.native.regrow(bases, values, each, root, root - 1, weights, keep))
+        placed = Candidates(bases, np.tile(self.neutral, (count, 1)), np.zeros(count, np.float32))
+        root = np.zeros(count, np.int32)
+        return self.regrown(placed, np.arange(count), root, root - 1, keep)
+
+    def regrown(self, candidates: Candidates, rows: Index, starts: Index, nexts: Index, keep: int) -> Candidates:
+        """Return for each task the best `keep` configurations in which all from a part of `nexts` on is grown anew.
+
+        It hangs on the part of `starts`, its neighbour, which stays as in the candidate of `rows` with the rest; -1:
+        all but that part is grown.
+        """
+        row, start, following = (np.asarray(each, np.int32) for each in (rows, starts, nexts))
+        weights = np.tile(self.weights, (len(row), 1))
+        return Candidates(
+            *self.native.regrow(candidates.bases, candidates.values, row, start, following, weights, keep)
+        )
 
     def swept(
         self,
