@@ -118,12 +118,10 @@ class Estimator:
         return Fit(scan, initial, correspondences, solver, finished, prior, watch)
 
     def finished(self, fit: Fit) -> Estimate:
-        """Return the estimate that a search makes, or its rivals if the points prefer one."""
+        """Return the estimate that a search makes, or a better answer if its contest finds one."""
         judged, equal = self._settled(fit)
         with fit.watch.stage("contest"):
-            finished = contested(
-                fit.solver, judged.solution.configuration, judged.evidence, fit.finished, equal, self.options
-            )
+            finished = contested(fit.solver, judged.solution.configuration, fit.finished, self.options)
         if finished is not None:
             fit = replace(fit, finished=finished)
             judged, equal = self._settled(fit)
