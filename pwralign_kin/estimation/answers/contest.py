@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS
+from pwralign_kin.estimation.answers.answer_search import EFFORTS
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.answers.ranking import ranked, ranks
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -87,11 +87,8 @@ def _otherwise(
     it `close` up."""
     scored, effort = focused.scored(answer)[0], EFFORTS[options.effort]
     repairing = replace(options.repair, rounds=min(options.repair.rounds, effort.repairs))
-    found = [repair(focused, scored, repairing, turn=False)]
-    if effort.wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
-        found.append(repair(focused.widened(), scored, repairing, turn=False))
-    better = mended(model, close, answer)
-    return Candidates.concatenate(found if better is None else [*found, better])
+    repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
+    return repaired if better is None else Candidates.concatenate([repaired, better])
 
 
 def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:

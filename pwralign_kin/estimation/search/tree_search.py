@@ -72,7 +72,7 @@ class SearchOptions:
     branch_beam: int = 2
     """States kept at a branching."""
     wide_beam: int = 96
-    """The same where the answer leaves much unexplained."""
+    """The same from a known base."""
     wide_modes: int = 16
     wide_branch_beam: int = 3
     refined: int = 24
@@ -188,7 +188,7 @@ class TreeSearch:
         return ONE_SIDE if self.observation.single_view else ALL_SIDES
 
     def widened(self) -> TreeSearch:
-        """Return the same search with the wide beams."""
+        """Return the same search with wide beams."""
         o = self.options
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
         return self._with(wide, self.searched)
