@@ -27,7 +27,7 @@ from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
 from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
@@ -245,7 +245,7 @@ class Estimator:
         if self.options.locked or self.options.prior_std:
             native = native.restricted(lower, upper)
         known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
-        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads, known)
+        return TreeSearch(Sought(native, self.model.surfaces, self.options.search, self.threads), observation, known)
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, SceneSetup, observe_scene
 from pwralign_kin.se3 import transform
@@ -26,7 +27,9 @@ def observed(
 
 
 def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
-    return TreeSearch(model.kernel_model, model.surfaces, ready, model.values({}), SearchOptions(), 2)
+    return TreeSearch(
+        Sought(model.kernel_model, model.surfaces, SearchOptions(), 2), ready, SearchPrior.nothing(model.values({}))
+    )
 
 
 def true_and_moved(model: pk.ArticulatedModel, made: SimulatedScan, ready: Observation) -> Candidates:

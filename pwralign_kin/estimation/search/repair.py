@@ -234,7 +234,7 @@ def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candida
 def _among_largest(search: TreeSearch, count: int) -> Bool:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
     surface = _subtrees(search) @ (search.weights * search.exists)
-    hanging = np.zeros(len(search.neutral))
+    hanging = np.zeros(len(search.known.values))
     np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
     chosen = np.zeros(len(hanging), bool)
     chosen[np.argsort(-hanging, kind="stable")[:count]] = True

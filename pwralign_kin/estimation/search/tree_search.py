@@ -118,28 +118,32 @@ class SearchOptions:
     """... and below which they are not worth refining both."""
 
 
+@dataclass(frozen=True)
+class Sought:
+    """A model, and how scans are searched for it."""
+
+    model: Any
+    """The `kernels.Articulated` with its limits."""
+    surfaces: Sequence[Surface]
+    options: SearchOptions
+    threads: int
+
+
 class TreeSearch:
     """The search of one model in one observed scan."""
 
     def __init__(
-        self,
-        model: Any,
-        surfaces: Sequence[Surface],
-        observation: Observation,
-        neutral: Array,
-        options: SearchOptions,
-        threads: int,
-        known: SearchPrior | None = None,
-        searched: NDArray[np.bool_] | None = None,
+        self, sought: Sought, observation: Observation, known: SearchPrior, searched: NDArray[np.bool_] | None = None
     ) -> None:
-        """Take the `kernels.Articulated` model with its limits, the `neutral` values (k,) of unseen joints, a prior.
+        """Take what is `sought`, and what is `known` of its base and joints.
 
         Only scan points that are `searched` (m,) are looked at; without it those of any region.
         """
+        model, surfaces, options, threads = sought.model, sought.surfaces, sought.options, sought.threads
+        self.sought = sought
         self.model = model
         self.observation = observation
         self.options = options
-        self.neutral = neutral
         self.threads = threads
         self.exists = np.array([s.exists for s in surfaces], bool)
         self.areas = np.array([s.area for s in surfaces])
@@ -164,9 +168,9 @@ class TreeSearch:
         native.angle_step = options.angle_step
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
-        self.native = kernels.Search(model, observation.field, native, neutral)
+        self.native = kernels.Search(model, observation.field, native, known.values)
         self._looks: dict[tuple[str, bytes, bytes, bytes], Any] = {}
-        self.known = known or SearchPrior.nothing(neutral)
+        self.known = known
         self.known.tell(self.native)
         if searched is not None:
             self.native.look_first(searched.astype(np.uint8))
@@ -219,12 +223,10 @@ class TreeSearch:
 
     def of(self, observation: Observation) -> TreeSearch:
         """Return the same search of another observation about the same centre."""
-        return TreeSearch(self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known)
+        return TreeSearch(self.sought, observation, self.known)
 
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
-        return TreeSearch(
-            self.model, self.surfaces, self.observation, self.neutral, options, self.threads, self.known, searched
-        )
+        return TreeSearch(replace(self.sought, options=options), self.observation, self.known, searched)
 
     def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
@@ -342,7 +344,7 @@ class TreeSearch:
     def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
         """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""
         count = len(bases)
-        placed = Candidates(bases, np.tile(self.neutral, (count, 1)), np.zeros(count, np.float32))
+        placed = Candidates(bases, np.tile(self.known.values, (count, 1)), np.zeros(count, np.float32))
         root = np.zeros(count, np.int32)
         return self.regrown(placed, np.arange(count), root, root - 1, keep)
 
