@@ -44,8 +44,8 @@ NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
-REREADINGS, READINGS = 3, 5
-"""How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
+READINGS = 5
+"""How often in a row the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
 """... as long as the scores that answers are ranked by gain this, ..."""
 SOUND = 0.85
@@ -281,22 +281,18 @@ class AnswerSearch:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
-        for _ in range(REREADINGS):
-            if self._soundness(search, solutions) >= SOUND:
-                break
+        """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""
+        best = None
+        if self._soundness(search, solutions) < SOUND:
             best = self._read_otherwise(search, solutions.take([0]))
-            if best is None:
-                break
-            others = unlike(search, solutions, [best], search.options.distinct)
-            # The others were repaired before.
-            few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
-            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-            before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
-            if after < before + READING_GAIN:
-                break
-            solutions = read
-        return solutions
+        if best is None:
+            return solutions
+        others = unlike(search, solutions, [best], search.options.distinct)
+        # The others were repaired before.
+        few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
+        read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
+        before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+        return read if after >= before + READING_GAIN else solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
         """Return a better configuration with nearly the same surface, None if none is found.
