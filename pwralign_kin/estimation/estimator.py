@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,9 @@ from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
-from pwralign_kin.estimation.sensing.scene import is_scene, observe_scene
+from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
 from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -78,6 +79,12 @@ class Estimator:
         self.prior_std = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names])
         self.prior_std /= model.joint_scales
 
+    @cached_property
+    def scenes(self) -> SceneSetup:
+        """How scenes are prepared for the model."""
+        model, options = self.model, self.options
+        return SceneSetup(model.surfaces, model.diagonal, model.reach, options.observation, options.scene, self.threads)
+
     def fit(
         self,
         scan: Scan,
@@ -111,12 +118,10 @@ class Estimator:
         return Fit(scan, initial, correspondences, solver, finished, prior, watch)
 
     def finished(self, fit: Fit) -> Estimate:
-        """Return the estimate that a search makes, or its rivals if the points prefer one."""
+        """Return the estimate that a search makes, or a better answer if its contest finds one."""
         judged, equal = self._settled(fit)
         with fit.watch.stage("contest"):
-            finished = contested(
-                fit.solver, judged.solution.configuration, judged.evidence, fit.finished, equal, self.options
-            )
+            finished = contested(fit.solver, judged.solution.configuration, fit.finished, self.options)
         if finished is not None:
             fit = replace(fit, finished=finished)
             judged, equal = self._settled(fit)
@@ -169,7 +174,7 @@ class Estimator:
         model, options = self.model, self.options
         self._check_hints(scan)
         if options.region is None and surroundings is None:
-            if not is_scene(scan, model.diagonal, model.reach, options.scene, options.observation, self.threads):
+            if not is_scene(scan, self.scenes):
                 near = without_far_points(scan, model.reach)
                 return observe(near, model.diagonal, options.observation, self.threads, turned)
             if scan.sensor_origin is None:
@@ -179,9 +184,7 @@ class Estimator:
                     scan.source,
                 )
         box = self._searched_box(initial)
-        return observe_scene(
-            scan, model.surfaces, model.diagonal, box, options.observation, options.scene, self.threads, surroundings
-        )
+        return observe_scene(scan, self.scenes, box, surroundings)
 
     def _check_hints(self, scan: Scan) -> None:
         """Raise `ScanError` for hints that lead away from the scan."""
@@ -242,7 +245,7 @@ class Estimator:
         if self.options.locked or self.options.prior_std:
             native = native.restricted(lower, upper)
         known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
-        return TreeSearch(native, self.model.surfaces, observation, prior, self.options.search, self.threads, known)
+        return TreeSearch(Sought(native, self.model.surfaces, self.options.search, self.threads), observation, known)
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]

@@ -37,9 +37,8 @@ class EstimatorOptions:
     seed: int = 0
     """The same seed gives the same answer, bit for bit, at any number of threads."""
     effort: EffortName = "default"
-    """How long answers are looked for: with little repair ("fast"), with one more search where the first is
-    not convincing and wide beams where the two do not agree ("default"), or from other samples again until two
-    searches agree ("thorough")."""
+    """How long answers are looked for: with little repair ("fast"), with one more search where the first is not
+    convincing ("default"), or from other samples again until two searches agree ("thorough")."""
     threads: int = 0
     """Threads of the compiled kernels; 0 = one per core."""
     locked: tuple[str, ...] = ()

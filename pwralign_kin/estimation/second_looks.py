@@ -115,9 +115,7 @@ def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> 
     near = without_far_points(fit.scan, model.reach)
     left = estimate.scan_labels[near.source_index] < 0
     left &= was_prepared(observation, near.points, options.observation)
-    surroundings = surroundings_of(
-        near, left, model.surfaces, model.diagonal, options.observation, options.scene, estimator.threads
-    )
+    surroundings = surroundings_of(near, left, estimator.scenes)
     other = _again(estimator, fit, near, surroundings) if surroundings.any() else None
     if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
         return fit, estimate
@@ -181,8 +179,9 @@ def _against_mirror_image(estimator: Estimator, fit: Fit, estimate: Estimate) ->
     if told or not odd or fit.solver.search.observation.scene:
         return estimate
     try:
-        quick = Estimator(estimator.model, replace(options, effort="fast"))
-        image = quick.fit(fit.scan.mirrored(), None, None, fit.watch)
+        # Of the model, the image is found without repair; of anything else, repair takes most of the time.
+        quick = replace(options, effort="fast", repair=replace(options.repair, rounds=0))
+        image = Estimator(estimator.model, quick).fit(fit.scan.mirrored(), None, None, fit.watch)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return estimate
     if image.solver.search.observation.scene:  # its scores do not compare

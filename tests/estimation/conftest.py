@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 
@@ -48,7 +49,11 @@ def units(arm: pk.ArticulatedModel) -> np.ndarray:
 @pytest.fixture(scope="session")
 def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray) -> TreeSearch:
     observation = observe(full_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    return TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    return TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
 
 
 @pytest.fixture(scope="session")

@@ -5,24 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.sensing.scene import SceneOptions, observe_scene
+from pwralign_kin.estimation.sensing.scene import SceneOptions, SceneSetup, observe_scene
 from pwralign_kin.se3 import transform
 from pwralign_kin.simulation import SimulatedScan
 
 EVERYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
 
 
+def scenes_of(model: pk.ArticulatedModel, threads: int = 2) -> SceneSetup:
+    return SceneSetup(model.surfaces, model.diagonal, model.reach, ObservationOptions(), SceneOptions(), threads)
+
+
 def observed(
     model: pk.ArticulatedModel, scan: pk.Scan, box: tuple[np.ndarray, np.ndarray] = EVERYWHERE, threads: int = 2
 ) -> Observation:
-    return observe_scene(scan, model.surfaces, model.diagonal, box, ObservationOptions(), SceneOptions(), threads)
+    return observe_scene(scan, scenes_of(model, threads), box)
 
 
 def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
-    return TreeSearch(model.kernel_model, model.surfaces, ready, model.values({}), SearchOptions(), 2)
+    return TreeSearch(
+        Sought(model.kernel_model, model.surfaces, SearchOptions(), 2), ready, SearchPrior.nothing(model.values({}))
+    )
 
 
 def true_and_moved(model: pk.ArticulatedModel, made: SimulatedScan, ready: Observation) -> Candidates:

@@ -12,7 +12,7 @@ BAND = 0.06
 
 def test_points_belong_to_the_part_whose_surface_is_nearest(search: TreeSearch) -> None:
     random = np.random.default_rng(0)
-    at = Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.neutral))), np.zeros(1, np.float32))
+    at = Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.known.values))), np.zeros(1, np.float32))
     placements = search.part_placements(at)[0]
     placed = [surface.dense @ T[:3, :3].T + T[:3, 3] for T, surface in zip(placements, search.surfaces, strict=True)]
     near = np.concatenate(placed)[:: max(1, sum(map(len, placed)) // 1003)]
@@ -38,7 +38,7 @@ def test_points_belong_to_the_part_whose_surface_is_nearest(search: TreeSearch) 
 def test_the_order_of_the_points_changes_nothing(search: TreeSearch) -> None:
     points = search.observation.points
     placements = search.part_placements(
-        Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.neutral))), np.zeros(1, np.float32))
+        Candidates(np.eye(4)[None], 0.3 * np.ones((1, len(search.known.values))), np.zeros(1, np.float32))
     )[0]
     mask = search.exists.astype(np.uint8)
     order = np.random.default_rng(0).permutation(len(points))
@@ -50,7 +50,7 @@ def test_the_order_of_the_points_changes_nothing(search: TreeSearch) -> None:
 
 
 def test_all_scan_points_have_the_owners_that_points_of_any_list_have(search: TreeSearch) -> None:
-    placements = search.part_placements(Candidates.single(np.eye(4), 0.3 * np.ones(len(search.neutral))))[0]
+    placements = search.part_placements(Candidates.single(np.eye(4), 0.3 * np.ones(len(search.known.values))))[0]
     mask = search.exists.astype(np.uint8)
     own = search.native.owners(placements, mask, BAND)
     assert (own[1] >= 0).any()

@@ -12,10 +12,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences, second_looks
-from pwralign_kin.estimation.answers import answer_search
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
 from pwralign_kin.se3 import exp
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -104,22 +102,6 @@ def test_effort_says_how_often_is_searched(
     estimate = pk.estimate(arm, full_scan.scan, options=pk.EstimatorOptions(effort=effort), progress=stages.append)
     assert stages.count("hypotheses") == searches
     assert worst_joint(arm, estimate, full_scan.state) < np.radians(2)
-
-
-@pytest.mark.parametrize("agreed", [True, False])
-def test_wide_beams_are_spared_where_two_searches_agree(
-    arm: pk.ArticulatedModel, full_scan: SimulatedScan, monkeypatch: pytest.MonkeyPatch, agreed: bool
-) -> None:
-    widened: list[TreeSearch] = []
-    original = TreeSearch.widened
-    monkeypatch.setattr(TreeSearch, "widened", lambda search: widened.append(search) or original(search))
-    monkeypatch.setattr(AnswerSearch, "_is_convincing", lambda answers, best: False)
-    if not agreed:
-        monkeypatch.setattr(answer_search, "AGREE", 0.0)
-    stages: list[str] = []
-    pk.estimate(arm, full_scan.scan, progress=stages.append)
-    assert stages.count("hypotheses") == 2
-    assert bool(widened) is not agreed
 
 
 def test_an_unknown_effort_is_refused(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:

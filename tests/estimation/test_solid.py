@@ -8,7 +8,7 @@ import numpy as np
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.tree_search import Sought, TreeSearch
 
 # Boxes of the parts that other parts can come into, lowest and highest corner in the part's frame, m.
 BOXES = {
@@ -38,7 +38,9 @@ def test_only_parts_inside_others_that_they_are_not_joined_to_cost(
     arm: pk.ArticulatedModel, search: TreeSearch, units: np.ndarray
 ) -> None:
     solid = TreeSearch(
-        search.model, search.surfaces, search.observation, search.neutral, replace(search.options, solid=True), 2
+        Sought(search.model, search.surfaces, replace(search.options, solid=True), 2),
+        search.observation,
+        search.known,
     )
     values = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400, len(units))) / units
     candidates = Candidates(np.tile(np.eye(4), (400, 1, 1)), values, np.zeros(400, np.float32))

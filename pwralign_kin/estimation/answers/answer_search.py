@@ -38,14 +38,14 @@ UNCONVINCING = 0.015
 """A solution that leaves more than this share of the scan unexplained is searched on."""
 HARDLY_SOUND = 0.3
 """So is one that is less sound and leaves more than that unexplained, whatever its parts explain."""
-WORTH_WIDE_BEAMS = 0.1
-"""Share of the model's surface in parts that explain too little, from which wide beams are worth their time."""
+LACKING = 0.1
+"""Share of the model's surface in parts that explain too little, from which an answer may lack whole limbs."""
 NEAR_TIE = 0.08
 """Solutions within this score of the best are refined to the end and compared again."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
-REREADINGS, READINGS = 3, 5
-"""How often, between repairs and in a row, the surface of an answer is read otherwise, ..."""
+READINGS = 5
+"""How often in a row the surface of an answer is read otherwise, ..."""
 READING_GAIN = 0.001
 """... as long as the scores that answers are ranked by gain this, ..."""
 SOUND = 0.85
@@ -64,14 +64,12 @@ class Effort:
     """... until two agree, or else until one is convincing, in a scene until one has some confidence."""
     repairs: int
     """Rounds of repair, at most."""
-    wide_beams: bool
-    """Whether wide beams are tried where no answer is convincing and no two searches agree."""
 
 
 EFFORTS = {
-    "fast": Effort(searches=1, until_agreed=False, repairs=3, wide_beams=False),
-    "default": Effort(searches=2, until_agreed=False, repairs=10, wide_beams=True),
-    "thorough": Effort(searches=5, until_agreed=True, repairs=16, wide_beams=True),
+    "fast": Effort(searches=1, until_agreed=False, repairs=3),
+    "default": Effort(searches=2, until_agreed=False, repairs=10),
+    "thorough": Effort(searches=5, until_agreed=True, repairs=16),
 }
 """What the names of `EstimatorOptions.effort` stand for."""
 
@@ -103,8 +101,7 @@ class AnswerSearch:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
         Where the first finds nothing convincing, the others look at pieces of the scan as well, and take it that a
-        single view has holes: all answers are compared so, from then on. Wide beams take more time than another search:
-        they come last.
+        single view has holes: all answers are compared so, from then on.
         """
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
@@ -116,9 +113,6 @@ class AnswerSearch:
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
-        else:
-            with self.watch.stage("repair"):
-                best = self._widely_repaired(search, best)
         self.search = search
         return best
 
@@ -145,7 +139,7 @@ class AnswerSearch:
             first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, search))
             if is_plainly_right(search, first.take([0])):
                 return first
-            solutions = self._widely_repaired(search, self._reinterpreted(search, first))
+            solutions = self._reinterpreted(search, first)
         if search.unexplained(solutions.take([0])) > UNCONVINCING:
             anywhere = self.without_guess()
             return self._distinct([self.search.scored(solutions)[0], anywhere])
@@ -207,7 +201,7 @@ class AnswerSearch:
         # A scan that holds more than the model leaves something unexplained however good the answer.
         if self.search.is_contradicted(best):
             return False
-        return self._lacking(best) <= WORTH_WIDE_BEAMS or self.search.unexplained(best) <= UNCONVINCING
+        return self._lacking(best) <= LACKING or self.search.unexplained(best) <= UNCONVINCING
 
     def _lacking(self, best: Candidates) -> float:
         """Return the share of the model's surface in parts that explain too little."""
@@ -215,7 +209,7 @@ class AnswerSearch:
 
     def _is_close(self, best: Candidates) -> bool:
         """Return whether an answer that lacks parts lies as close to the scan as a right one would."""
-        if self._lacking(best) <= WORTH_WIDE_BEAMS:
+        if self._lacking(best) <= LACKING:
             return True
         return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
 
@@ -286,33 +280,19 @@ class AnswerSearch:
     def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
 
-    def _widely_repaired(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        if not self.effort.wide_beams or self._is_convincing(solutions.take([0])):
-            return solutions
-        return self._reinterpreted(search, self._repaired_with_wide_beams(search, solutions))
-
-    def _repaired_with_wide_beams(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        # Wide beams take their time: they are for the few solutions that are nearly right.
-        few = replace(self.repairing, early_rounds=0)
-        return repair(search.widened(), solutions, few, turn=False)
-
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
-        for _ in range(REREADINGS):
-            if self._soundness(search, solutions) >= SOUND:
-                break
+        """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""
+        best = None
+        if self._soundness(search, solutions) < SOUND:
             best = self._read_otherwise(search, solutions.take([0]))
-            if best is None:
-                break
-            others = unlike(search, solutions, [best], search.options.distinct)
-            # The others were repaired before.
-            few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
-            read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-            before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
-            if after < before + READING_GAIN:
-                break
-            solutions = read
-        return solutions
+        if best is None:
+            return solutions
+        others = unlike(search, solutions, [best], search.options.distinct)
+        # The others were repaired before.
+        few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
+        read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
+        before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+        return read if after >= before + READING_GAIN else solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
         """Return a better configuration with nearly the same surface, None if none is found.

@@ -1,8 +1,7 @@
-"""The last word on an answer: whether a rival that the points do not tell from it, or prefer, takes its place.
+"""The last word on an answer: whether it is better with limbs held otherwise, or a joint at its other limit.
 
-The search goes by what the scan shows of the model as well as by what the model explains of the scan. Where pieces of
-the surface are missing, the first speaks against the truth; how closely the points lie on an answer does not. And no
-step of any search leads over the gap between the limits of a joint that turns nearly all around.
+How closely the points lie on it tells of limbs what the scores of whole answers hardly do. And no step of any search
+leads over the gap between the limits of a joint that turns nearly all around.
 """
 
 from __future__ import annotations
@@ -11,13 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS, WORTH_WIDE_BEAMS
+from pwralign_kin.estimation.answers.answer_search import EFFORTS
 from pwralign_kin.estimation.answers.mending import mended
-from pwralign_kin.estimation.answers.ranking import finest, ranked, ranks
-from pwralign_kin.estimation.evidence.evidence import Evidence, rivals_to
+from pwralign_kin.estimation.answers.ranking import ranked, ranks
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
@@ -27,15 +24,8 @@ from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.model import ArticulatedModel
 
-DISTINCT = 2.0
-"""Standard deviations from which on points tell an answer from its rivals as they stand, before they are refined."""
 GAIN = 0.005
-"""What a rival must gain of the scores that answers are ranked by, ..."""
-TIE, TIES = 0.01, 3
-"""... and how much less it may have of them, and how many such rivals are looked at, if the points prefer it, ..."""
-LIKELIER, ROUGHLY = 6.0, 3.0
-"""... by this much of the logarithm of their likelihood on the model's own triangles, if it is not less by so much when
-samples of the surface stand for them."""
+"""What another answer must gain of the scores that answers are ranked by."""
 AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
@@ -46,17 +36,11 @@ most of its surface may move meanwhile: it is limbs that are repaired, and anoth
 
 
 def contested(
-    solver: JointLeastSquares,
-    final: Candidates,
-    evidence: Evidence,
-    finished: Candidates,
-    equal: Candidates,
-    options: EstimatorOptions,
+    solver: JointLeastSquares, final: Candidates, finished: Candidates, options: EstimatorOptions
 ) -> Candidates | None:
-    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or a rival of it.
+    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or across a limit.
 
-    `evidence` is that for the configuration before it is mended, and those `equal` to that are no rivals. None where
-    there is no such rival.
+    None where there is none.
     """
     search = solver.search
     if search.known.held:
@@ -65,13 +49,8 @@ def contested(
         won = _repaired_in_scene(solver, final, options)
         return None if won is None else Candidates.concatenate([won, finished])
     better = mended(solver.model, search, final)
-    final = final if better is None else better  # which has its rivals too
-    rivals = _across_limits(solver, final)
-    if evidence.distinct < DISTINCT:
-        rivals = Candidates.concatenate([rivals, rivals_to(search, final, finished)])
-    won = _better(search, final, rivals)
-    if won is None:
-        won = _likelier(solver, final, finished, equal)
+    final = final if better is None else better  # which may be held at a limit too
+    won = _better(search, final, _across_limits(solver, final))
     won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
 
@@ -108,11 +87,8 @@ def _otherwise(
     it `close` up."""
     scored, effort = focused.scored(answer)[0], EFFORTS[options.effort]
     repairing = replace(options.repair, rounds=min(options.repair.rounds, effort.repairs))
-    found = [repair(focused, scored, repairing, turn=False)]
-    if effort.wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
-        found.append(repair(focused.widened(), scored, repairing, turn=False))
-    better = mended(model, close, answer)
-    return Candidates.concatenate(found if better is None else [*found, better])
+    repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
+    return repaired if better is None else Candidates.concatenate([repaired, better])
 
 
 def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
@@ -133,30 +109,6 @@ def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candid
     if scores[best] < scores[: len(settled)].max() + GAIN:
         return None
     return Candidates(both.bases, both.values, scores).take([best])
-
-
-def _likelier(
-    solver: JointLeastSquares, final: Candidates, finished: Candidates, equal: Candidates
-) -> Candidates | None:
-    """Return which of the other answers that `finished` with nearly the same scores the points clearly prefer."""
-    search = solver.search
-    near = finished.take(finished.scores >= finished.scores[0] - TIE)
-    known = Candidates.concatenate([final, equal])
-    several = Candidates.concatenate([known, near])
-    in_order = Candidates(several.bases, several.values, -np.arange(len(several), dtype=np.float32))
-    distinct = search.distinct(in_order, len(several), search.options.distinct)
-    order = np.rint(-distinct.scores).astype(np.int64) - len(known)
-    rivals = near.take(order[order >= 0][:TIES])
-    if len(rivals) == 0:
-        return None
-    together = Candidates.concatenate([final, rivals])
-    rough = finest(search, together) * len(search.observation.given)
-    together = together.take(np.append(0, np.flatnonzero(rough[1:] > rough[0] - ROUGHLY) + 1))
-    if len(together) == 1:
-        return None
-    likelihoods = log_likelihoods(solver, together)
-    best = int(np.argmax(likelihoods))
-    return together.take([best]) if likelihoods[best] > likelihoods[0] + LIKELIER else None
 
 
 def _across_limits(solver: JointLeastSquares, final: Candidates) -> Candidates:

@@ -132,13 +132,8 @@ class _Mender:
 
     def _regrown(self, several: Candidates, above: int, cut: int) -> Candidates:
         """Return the configurations with all from `cut` on, which hangs on `above`, grown anew."""
-        search, count = self.search, len(several)
-        return Candidates(
-            *search.native.regrow(
-                several.bases, several.values, np.arange(count, dtype=np.int32), np.full(count, above, np.int32),
-                np.full(count, cut, np.int32), np.tile(search.weights, (count, 1)), WAYS,
-            )
-        )  # fmt: skip
+        count = len(several)
+        return self.search.regrown(several, np.arange(count), np.full(count, above), np.full(count, cut), WAYS)
 
     def _swept(self, several: Candidates, part: int) -> Candidates:
         """Return the configurations with the joint that a part hangs on swept, together with that before it where no

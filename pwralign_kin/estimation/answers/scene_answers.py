@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import WORTH_WIDE_BEAMS, AnswerSearch
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
@@ -82,8 +82,6 @@ class SceneAnswerSearch(AnswerSearch):
             refined = Candidates.concatenate(list(self._refined_from_all_scales(start))).best_first()
         with self.watch.stage("repair"):
             solutions = repair(search, refined, self.repairing, turn=False)
-            if self.effort.wide_beams and self._lacking(solutions.take([0])) > WORTH_WIDE_BEAMS:
-                solutions = self._repaired_with_wide_beams(search, solutions)
         # Things may touch the model.
         if search.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
             return self._distinct([solutions, self.without_guess()])

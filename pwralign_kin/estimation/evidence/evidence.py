@@ -189,14 +189,6 @@ def _uneven(search: TreeSearch, final: Candidates) -> float:
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 
 
-def rivals_to(search: TreeSearch, final: Candidates, others: Candidates) -> Candidates:
-    """Return the rivals that the evidence weighs the `final` configuration (one) against, unrefined."""
-    distance, part = search.owners(final, search.exists)
-    owners = part[(part >= 0) & (distance <= search.reach) & search.searched]
-    rivals, apart = _rivals(search, final, others, np.bincount(owners, minlength=len(search.exists)))
-    return rivals.take(apart)
-
-
 def _margins(
     search: TreeSearch, compared: Candidates, apart: NDArray[np.bool_], beyond: float
 ) -> tuple[float, float, float]:

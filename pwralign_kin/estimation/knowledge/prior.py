@@ -122,7 +122,7 @@ class SearchPrior:
     region: Array | None
     """(2, 3) corners."""
     values: Array
-    """(k,) prior values of the joints."""
+    """(k,) prior values of the joints, which unseen ones keep."""
     std: Array
     """(k,) their standard deviations; infinite where nothing is known."""
 

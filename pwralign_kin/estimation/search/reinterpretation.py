@@ -192,16 +192,12 @@ def _regrown_below(
     grown, of = [turned.take(slice(0, 0))], [np.zeros(0, int)]
     for part in np.unique(parts):
         children = np.flatnonzero(search.parent == part)
-        rows = np.flatnonzero(parts == part).astype(np.int32)
+        rows = np.flatnonzero(parts == part)
         tasks = len(rows) * len(children)
         if tasks == 0:
             continue
-        own = Candidates(
-            *search.native.regrow(
-                turned.bases, turned.values, np.repeat(rows, len(children)), np.full(tasks, part, np.int32),
-                np.tile(children.astype(np.int32), len(rows)), np.tile(search.weights, (tasks, 1)), keep,
-            )
-        )  # fmt: skip
+        each, nexts = np.repeat(rows, len(children)), np.tile(children, len(rows))
+        own = search.regrown(turned, each, np.full(tasks, part), nexts, keep)
         grown.append(own)
         of.append(np.full(len(own), part))
     return Candidates.concatenate(grown), np.concatenate(of)

@@ -131,14 +131,13 @@ def repair_moves(
     """
     support = search.scored(solution)[1][0]
     unexplained = search.unexplained(solution)
-    exists, single = search.exists, search.observation.single_view
-    usual = float(np.median(support[exists]))
+    exists = search.exists
     bad = search.poorly_supported(support)
     missing = unexplained > options.unexplained
     moves: list[Candidates] = []
     placements = search.part_placements(solution)[0]
     if bad.any() or missing:
-        moves += _regrown(search, solution, support, bad, missing, usual, options)
+        moves += _regrown(search, solution, _Faults(support, bad, missing), options)
         best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
@@ -151,15 +150,13 @@ def repair_moves(
         moves += [vote for vote in votes if vote is not None]
     elif foremost and misfits(search, solution, options.votes) >= options.votes.least_misfits:
         # A small part that is wrong leaves little unexplained where other surface lies near to its points.
-        votes = [voted(search, solution, options.votes, seed, doubting=way, by_noise=True) for way in (False, True)]
-        moves += [vote for vote in votes if vote is not None]
-    if not single:
-        moves += _without_absent(search, solution, exists & (support < 0.2))
+        vote = voted(search, solution, options.votes, seed, doubting=False, by_noise=True)
+        moves += [] if vote is None else [vote]
     if foremost:
         moves.append(_swept(search, solution, options.held_limbs))
     if turn:
         moves += _turned(search, placements, options)
-        if not single:
+        if not search.observation.single_view:
             moves += _slid(search, placements, options)
     return Candidates.concatenate(moves) if moves else None
 
@@ -173,17 +170,23 @@ def _subtrees(search: TreeSearch) -> Bool:
     return below
 
 
-def _regrown(
-    search: TreeSearch,
-    solution: Candidates,
-    support: NDArray[np.float32],
-    bad: Bool,
-    missing: bool,
-    usual: float,
-    options: RepairOptions,
-) -> list[Candidates]:
+@dataclass(frozen=True)
+class _Faults:
+    """What speaks against a solution."""
+
+    support: NDArray[np.float32]
+    """(parts,)"""
+    bad: Bool
+    """(parts,) which parts the evidence speaks against."""
+    missing: bool
+    """Whether the scan holds points far from the model."""
+
+
+def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options: RepairOptions) -> list[Candidates]:
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
     count, exists, parent = len(search.exists), search.exists, search.parent
+    support, bad, missing = faults.support, faults.bad, faults.missing
+    usual = float(np.median(support[exists]))
     below = _subtrees(search)
     near = bad | search.lacks(solution) if missing else bad.copy()
     if missing and count <= 14:
@@ -210,24 +213,7 @@ def _regrown(
             nexts.append(following)
     if not starts:
         return []
-    return [_regrow(search, solution, starts, nexts, search.weights, options.alternatives)]
-
-
-def _regrow(
-    search: TreeSearch,
-    solution: Candidates,
-    starts: list[int],
-    nexts: list[int],
-    weights: NDArray[np.float32],
-    keep: int,
-) -> Candidates:
-    tasks = len(starts)
-    return Candidates(
-        *search.native.regrow(
-            solution.bases, solution.values, np.zeros(tasks, np.int32), np.array(starts, np.int32),
-            np.array(nexts, np.int32), np.tile(weights, (tasks, 1)), keep,
-        )
-    )  # fmt: skip
+    return [search.regrown(solution, [0] * len(starts), starts, nexts, options.alternatives)]
 
 
 def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candidates:
@@ -248,7 +234,7 @@ def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candida
 def _among_largest(search: TreeSearch, count: int) -> Bool:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
     surface = _subtrees(search) @ (search.weights * search.exists)
-    hanging = np.zeros(len(search.neutral))
+    hanging = np.zeros(len(search.known.values))
     np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
     chosen = np.zeros(len(hanging), bool)
     chosen[np.argsort(-hanging, kind="stable")[:count]] = True
@@ -266,22 +252,6 @@ def _compound_joints(search: TreeSearch, lacking: Bool) -> tuple[NDArray[np.int3
     pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
     first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
-
-
-def _without_absent(search: TreeSearch, solution: Candidates, absent: Bool) -> list[Candidates]:
-    """Regrow around parts that the scan lacks as if they had no surface: they must not pull their neighbours."""
-    exists, parent = search.exists, search.parent
-    if not absent.any() or absent.sum() > max(2, 0.3 * exists.sum()):
-        return []
-    weights = np.asarray(search.weights * ~absent, np.float32)
-    below = _subtrees(search)
-    near = absent.copy()
-    near[parent[1:][absent[1:]]] = True
-    near[1:] |= absent[parent[1:]]
-    cut = [i for i in np.flatnonzero(near) if i > 0 and (below[i] & exists).any()]
-    if not cut:
-        return []
-    return [_regrow(search, solution, [int(parent[i]) for i in cut], [int(i) for i in cut], weights, 8)]
 
 
 def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:

@@ -19,6 +19,7 @@ from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Index = Sequence[int] | NDArray[Any]
 Look = TypeVar("Look", bound=tuple[NDArray[Any], ...])
 
 FOCUS_PROBES = 60
@@ -71,7 +72,7 @@ class SearchOptions:
     branch_beam: int = 2
     """States kept at a branching."""
     wide_beam: int = 96
-    """The same where the answer leaves much unexplained."""
+    """The same from a known base."""
     wide_modes: int = 16
     wide_branch_beam: int = 3
     refined: int = 24
@@ -117,28 +118,32 @@ class SearchOptions:
     """... and below which they are not worth refining both."""
 
 
+@dataclass(frozen=True)
+class Sought:
+    """A model, and how scans are searched for it."""
+
+    model: Any
+    """The `kernels.Articulated` with its limits."""
+    surfaces: Sequence[Surface]
+    options: SearchOptions
+    threads: int
+
+
 class TreeSearch:
     """The search of one model in one observed scan."""
 
     def __init__(
-        self,
-        model: Any,
-        surfaces: Sequence[Surface],
-        observation: Observation,
-        neutral: Array,
-        options: SearchOptions,
-        threads: int,
-        known: SearchPrior | None = None,
-        searched: NDArray[np.bool_] | None = None,
+        self, sought: Sought, observation: Observation, known: SearchPrior, searched: NDArray[np.bool_] | None = None
     ) -> None:
-        """Take the `kernels.Articulated` model with its limits, the `neutral` values (k,) of unseen joints, a prior.
+        """Take what is `sought`, and what is `known` of its base and joints.
 
         Only scan points that are `searched` (m,) are looked at; without it those of any region.
         """
+        model, surfaces, options, threads = sought.model, sought.surfaces, sought.options, sought.threads
+        self.sought = sought
         self.model = model
         self.observation = observation
         self.options = options
-        self.neutral = neutral
         self.threads = threads
         self.exists = np.array([s.exists for s in surfaces], bool)
         self.areas = np.array([s.area for s in surfaces])
@@ -163,9 +168,9 @@ class TreeSearch:
         native.angle_step = options.angle_step
         native.beam, native.modes, native.branch_beam = options.beam, options.modes, options.branch_beam
         native.threads = threads
-        self.native = kernels.Search(model, observation.field, native, neutral)
+        self.native = kernels.Search(model, observation.field, native, known.values)
         self._looks: dict[tuple[str, bytes, bytes, bytes], Any] = {}
-        self.known = known or SearchPrior.nothing(neutral)
+        self.known = known
         self.known.tell(self.native)
         if searched is not None:
             self.native.look_first(searched.astype(np.uint8))
@@ -187,7 +192,7 @@ class TreeSearch:
         return ONE_SIDE if self.observation.single_view else ALL_SIDES
 
     def widened(self) -> TreeSearch:
-        """Return the same search with the wide beams."""
+        """Return the same search with wide beams."""
         o = self.options
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
         return self._with(wide, self.searched)
@@ -218,12 +223,10 @@ class TreeSearch:
 
     def of(self, observation: Observation) -> TreeSearch:
         """Return the same search of another observation about the same centre."""
-        return TreeSearch(self.model, self.surfaces, observation, self.neutral, self.options, self.threads, self.known)
+        return TreeSearch(self.sought, observation, self.known)
 
     def _with(self, options: SearchOptions, searched: NDArray[np.bool_]) -> TreeSearch:
-        return TreeSearch(
-            self.model, self.surfaces, self.observation, self.neutral, options, self.threads, self.known, searched
-        )
+        return TreeSearch(replace(self.sought, options=options), self.observation, self.known, searched)
 
     def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
@@ -341,10 +344,21 @@ class TreeSearch:
     def grow_from_bases(self, bases: Array, keep: int) -> Candidates:
         """Return the best `keep` configurations grown from each placement (m, 4, 4) of the root part."""
         count = len(bases)
-        values = np.tile(self.neutral, (count, 1))
-        each, root = np.arange(count, dtype=np.int32), np.zeros(count, np.int32)
-        weights = np.tile(self.weights, (count, 1))
-        return Candidates(*self.native.regrow(bases, values, each, root, root - 1, weights, keep))
+        placed = Candidates(bases, np.tile(self.known.values, (count, 1)), np.zeros(count, np.float32))
+        root = np.zeros(count, np.int32)
+        return self.regrown(placed, np.arange(count), root, root - 1, keep)
+
+    def regrown(self, candidates: Candidates, rows: Index, starts: Index, nexts: Index, keep: int) -> Candidates:
+        """Return for each task the best `keep` configurations in which all from a part of `nexts` on is grown anew.
+
+        It hangs on the part of `starts`, its neighbour, which stays as in the candidate of `rows` with the rest; -1:
+        all but that part is grown.
+        """
+        row, start, following = (np.asarray(each, np.int32) for each in (rows, starts, nexts))
+        weights = np.tile(self.weights, (len(row), 1))
+        return Candidates(
+            *self.native.regrow(candidates.bases, candidates.values, row, start, following, weights, keep)
+        )
 
     def swept(
         self,

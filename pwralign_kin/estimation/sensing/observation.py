@@ -184,7 +184,8 @@ def observe(
     points, spacing = _without_strays(points, options, threads)
     noise = noise_of(at_most(raw, options.most_raw), threads)
     normals, gap = normals_of(points, noise, spacing, options, threads)
-    normals = oriented_normals(points, normals, origin, scan, spacing, centre, diagonal, threads)
+    origins = origins_of(points, scan, centre, diagonal, threads)
+    normals = oriented_normals(points, normals, origins, spacing, threads)
     if origin is not None:
         faced = facing(points, normals, origin, options)
         points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
@@ -382,6 +383,17 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
 
+def origins_of(points: Float, scan: Scan, centre: Array, diagonal: float, threads: int) -> Float | Array | None:
+    """Return where prepared points were seen from, in search units: (3,) if all of the scan was from one place, else of
+    each (n, 3) where the given point nearest to it was; None where that is unknown."""
+    origin = common_origin(scan, centre, diagonal)
+    if origin is not None or scan.sensor_origin is None:
+        return origin
+    given = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
+    near = kernels.nearest_neighbours(given, points, 1, threads)[1][:, 0]
+    return np.asarray((np.asarray(scan.sensor_origin)[near] - centre) / diagonal)
+
+
 def _without_plane(points: Float, centre: Float, normal: Float, distance: float) -> Float:
     """Remove what is no farther than `distance` from a plane."""
     return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > distance])
@@ -435,24 +447,12 @@ def _without_strays(points: Float, options: ObservationOptions, threads: int) ->
 
 
 def oriented_normals(
-    points: Float,
-    normals: Float,
-    origin: Float | None,
-    scan: Scan,
-    spacing: float,
-    centre: Array,
-    diagonal: float,
-    threads: int,
+    points: Float, normals: Float, origins: Float | Array | None, spacing: float, threads: int
 ) -> Float:
-    """Turn normals towards the sensor, or without one towards the open side."""
-    if origin is not None:
-        towards = np.einsum("ij,ij->i", normals, origin - points)
-    elif scan.sensor_origin is not None:
-        given = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
-        near = kernels.nearest_neighbours(given, points, 1, threads)[1][:, 0]
-        origins = (np.asarray(scan.sensor_origin)[near] - centre) / diagonal
-        towards = np.einsum("ij,ij->i", normals, origins - points)
-    else:
+    """Turn normals towards the sensor origins, (3,) or one a point (n, 3), or without any towards the open side."""
+    if origins is None:
         cell = max(0.025, 0.9 * spacing)
         towards = kernels.openness(points, np.ascontiguousarray(normals, np.float32), cell, threads)
+    else:
+        towards = np.einsum("ij,ij->i", normals, origins - points)
     return np.ascontiguousarray(normals * np.where(towards < 0, -1, 1)[:, None], np.float32)

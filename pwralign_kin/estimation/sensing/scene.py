@@ -91,38 +91,44 @@ class SceneOptions:
     none back, and out of the image there are none."""
 
 
-def is_scene(
-    scan: Scan, diagonal: float, reach: float, options: SceneOptions, preparing: ObservationOptions, threads: int
-) -> bool:
-    """Return whether the scan is mostly of other things than the model, which is never wider than `reach` (m)."""
+@dataclass(frozen=True)
+class SceneSetup:
+    """The model that scenes are prepared for, and how."""
+
+    surfaces: Sequence[Surface]
+    diagonal: float
+    """Of the model, m."""
+    reach: float
+    """What the model is never wider than, m."""
+    preparing: ObservationOptions
+    options: SceneOptions
+    threads: int
+
+
+def is_scene(scan: Scan, setup: SceneSetup) -> bool:
+    """Return whether the scan is mostly of other things than the model."""
+    options, diagonal = setup.options, setup.diagonal
     origin = preparation.common_origin(scan, np.zeros(3), diagonal)
     low, high = scan.box
-    widest = (options.reaches_unseen if origin is None else options.reaches) * reach
+    widest = (options.reaches_unseen if origin is None else options.reaches) * setup.reach
     if np.linalg.norm(high - low) > widest and np.linalg.norm(np.subtract(*preparation.bulk(scan))) > widest:
         return True
     if origin is None:
         return False
     points = np.ascontiguousarray((scan.points - low) / diagonal, np.float32)
-    return preparation.wide_plane(points, preparing, options.plane_unlike, threads) is not None
+    return preparation.wide_plane(points, setup.preparing, options.plane_unlike, setup.threads) is not None
 
 
-def surroundings_of(
-    scan: Scan,
-    left: Bools,
-    surfaces: Sequence[Surface],
-    diagonal: float,
-    preparing: ObservationOptions,
-    options: SceneOptions,
-    threads: int,
-) -> Bools:
+def surroundings_of(scan: Scan, left: Bools, setup: SceneSetup) -> Bools:
     """Return which points of `scan` (n,), among those that an answer has `left` unexplained (n,), are of a plane wider
     than any flat face of the model: a patch of floor, table or wall, which a crop leaves about a model."""
+    surfaces, diagonal, options, threads = setup.surfaces, setup.diagonal, setup.options, setup.threads
     found = np.zeros(len(left), bool)
     if left.sum() < options.region_points:
         return found
     low, _ = preparation.bulk(scan)
     raw = np.ascontiguousarray((scan.points[left] - low) / diagonal, np.float32)
-    points, _, cell = kernels.voxel_means(raw, preparing.voxel)
+    points, _, cell = kernels.voxel_means(raw, setup.preparing.voxel)
     if len(points) < options.region_points:
         return found
     origin = preparation.common_origin(scan, low, diagonal)
@@ -135,20 +141,14 @@ def surroundings_of(
 
 
 def observe_scene(
-    scan: Scan,
-    surfaces: Sequence[Surface],
-    diagonal: float,
-    box: tuple[Array, Array],
-    preparing: ObservationOptions,
-    options: SceneOptions,
-    threads: int,
-    surroundings: Bools | None = None,
+    scan: Scan, setup: SceneSetup, box: tuple[Array, Array], surroundings: Bools | None = None
 ) -> Observation:
-    """Prepare a scene for the model with the given `surfaces`, to be searched between the corners of `box` (m).
+    """Prepare a scene for the model, to be searched between the corners of `box` (m).
 
     Points that are known to be of the `surroundings` (n,) count as wide planes do. Raises `ScanError` where nothing can
     be searched.
     """
+    diagonal, options, model_area = setup.diagonal, setup.options, total_area(setup.surfaces)
     if surroundings is None and scan.diagonal > MOST_EXTENT * diagonal:
         scan = preparation.without_far_points(scan, MOST_EXTENT / 8 * diagonal)
     if scan.diagonal > MOST_EXTENT * diagonal:
@@ -156,19 +156,19 @@ def observe_scene(
         raise ScanError(
             scan.source, f"it spans {scan.diagonal / diagonal:.3g} times the model, which is {diagonal:.3g} m across"
         )
-    cells = _Cells.of(scan, diagonal, preparing, threads)
-    planes = _background(cells, surfaces, options, threads)
+    cells = _Cells.of(scan, diagonal, setup.preparing, setup.threads)
+    planes = _background(cells, setup)
     if surroundings is not None:
         planes[cells.of_point[surroundings]] = True
     low, high = ((corner - cells.centre) / diagonal for corner in box)
-    near = _near_enough(cells.points, cells.spacing, cells.areas, cells.origin, total_area(surfaces), options)
+    near = _near_enough(cells.points, cells.spacing, cells.areas, cells.origin, model_area, options)
     near &= ((cells.points >= low) & (cells.points <= high)).all(axis=1)
-    region = _regions(cells.points, cells.spacing, near & ~planes, total_area(surfaces), options)
+    region = _regions(cells.points, cells.spacing, near & ~planes, model_area, options)
     if (region < 0).all():
         where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
         size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
         raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")
-    return _observed(cells, region, planes, preparing, options, threads)
+    return _observed(cells, region, planes, setup)
 
 
 def close_up(
@@ -223,8 +223,9 @@ class _Cells:
         return cls(scan, centre, diagonal, origin, raw, of_point, points, spacing, _areas(spacing))
 
 
-def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOptions, threads: int) -> Bools:
+def _background(cells: _Cells, setup: SceneSetup) -> Bools:
     """Return which cells lie on planes wider than any part of the model."""
+    surfaces, options = setup.surfaces, setup.options
     spread = max(
         float(np.linalg.svd(s.samples - s.samples.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(s.samples))
         for s in surfaces
@@ -232,28 +233,21 @@ def _background(cells: _Cells, surfaces: Sequence[Surface], options: SceneOption
     )
     least_area = options.plane_area * max(s.area for s in surfaces)
     least = _Size(max(options.plane_wider * spread, options.plane_least), least_area)
-    cloud = _Cloud.of(cells.points, cells.areas, cells.origin, options, threads)
+    cloud = _Cloud.of(cells.points, cells.areas, cells.origin, options, setup.threads)
     return _wide_planes(cloud, least, options)
 
 
-def _observed(
-    cells: _Cells,
-    region: NDArray[np.int64],
-    planes: Bools,
-    preparing: ObservationOptions,
-    options: SceneOptions,
-    threads: int,
-) -> Observation:
+def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: SceneSetup) -> Observation:
     """Give what is searched, by the `region` (c,) of each cell, and what lies near it their normals and their field."""
+    preparing, options, threads = setup.preparing, setup.options, setup.threads
     kept = np.flatnonzero(_surroundings(cells.points, region >= 0, options.margin))
     # Of the cells that are kept, not of those that turn out to face away.
     spacing = float(np.median(cells.spacing[kept][region[kept] >= 0]))
     noise = min(preparation.noise_of(cells.raw[(region >= 0)[cells.of_point]], threads), options.most_noise)
     points = np.ascontiguousarray(cells.points[kept])
     normals, gap = preparation.normals_of(points, noise, spacing, preparing, threads)
-    normals = preparation.oriented_normals(
-        points, normals, cells.origin, cells.scan, spacing, cells.centre, cells.diagonal, threads
-    )
+    origins = preparation.origins_of(points, cells.scan, cells.centre, cells.diagonal, threads)
+    normals = preparation.oriented_normals(points, normals, origins, spacing, threads)
     if cells.origin is not None:
         faced = preparation.facing(points, normals, cells.origin, preparing) | (region[kept] < 0)
         kept, points, normals = kept[faced], np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])

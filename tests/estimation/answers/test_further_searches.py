@@ -7,7 +7,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
@@ -19,7 +20,11 @@ def searched_again(
     """Whether a second search returns what was found before it, the answer of the first or a `wrong` one, and whether
     it looks at pieces of the scan."""
     observation = observe(scan, arm.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    search = TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
     before = answers._once(0)
     if wrong:

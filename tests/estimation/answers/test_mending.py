@@ -9,8 +9,9 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.mending import mended, off_points
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Sensor
 
@@ -49,7 +50,9 @@ def leg(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
 def searched(leg: pk.ArticulatedModel, sensor: Sensor) -> TreeSearch:
     scan = pk.simulate(leg, pk.State(np.eye(4), TRUE), sensor, seed=2).scan
     observation = observe(scan, leg.diagonal, ObservationOptions(), 1)
-    return TreeSearch(leg.kernel_model, leg.surfaces, observation, leg.values({}), SearchOptions(), 1)
+    return TreeSearch(
+        Sought(leg.kernel_model, leg.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(leg.values({}))
+    )
 
 
 def configuration(leg: pk.ArticulatedModel, search: TreeSearch, joints: dict[str, float]) -> Candidates:

@@ -9,8 +9,9 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.one_sided import turned_over
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import random_state
 
@@ -41,7 +42,9 @@ def test_a_laptop_seen_from_within_is_not_turned_inside_out(
 
 def searched(laptop: pk.ArticulatedModel, scan: pk.Scan, turned: np.ndarray | None = None) -> TreeSearch:
     observation = observe(scan, laptop.diagonal, ObservationOptions(), 2, turned)
-    return TreeSearch(laptop.kernel_model, laptop.surfaces, observation, np.zeros(1), SearchOptions(), 2)
+    return TreeSearch(
+        Sought(laptop.kernel_model, laptop.surfaces, SearchOptions(), 2), observation, SearchPrior.nothing(np.zeros(1))
+    )
 
 
 def test_what_is_seen_from_one_side_is_turned_over_part_by_part(laptop: pk.ArticulatedModel) -> None:

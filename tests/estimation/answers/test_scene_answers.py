@@ -10,7 +10,6 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.ranking import better_ranked
 from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
-from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
@@ -125,8 +124,7 @@ def test_refinement_of_answers_is_kept_where_they_rank_higher_by_it(
 def last_word(model: pk.ArticulatedModel, search: TreeSearch, final: Candidates) -> Candidates | None:
     options = pk.EstimatorOptions(threads=2)
     solver = JointLeastSquares(model, search, *model.kernel_model.limits, options.least_squares)
-    finished = search.scored(final)[0]
-    return contested(solver, final, gathered(search, final, finished), finished, final.take(slice(0, 0)), options)
+    return contested(solver, final, search.scored(final)[0], options)
 
 
 def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(

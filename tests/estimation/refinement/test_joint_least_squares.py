@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import pwralign_kin as pk
 from pwralign_kin import se3
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.refinement.joint_least_squares import (
     INVERTED_WHOLE,
     JointLeastSquares,
@@ -18,7 +19,7 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
     inverse_of,
 )
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
@@ -152,7 +153,9 @@ def test_noise_along_the_rays_does_not_pull_the_model_to_its_sensor(arm: pk.Arti
         scan = pk.simulate(arm, sensor=sensor, seed=seed)
         observation = observe(scan.scan, arm.diagonal, ObservationOptions(), 1)
         search = TreeSearch(
-            arm.kernel_model, arm.surfaces, observation, arm.values({}) / units(arm), SearchOptions(), 1
+            Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 1),
+            observation,
+            SearchPrior.nothing(arm.values({}) / units(arm)),
         )
         base, values = truth(arm, search, scan)
         result = solver(arm, search).run(base, values)

@@ -9,9 +9,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.scenes import scene
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.continuation import best_priced, continued, priced
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 
 PLATE = """<robot name="plate"><link name="plate">
@@ -32,7 +33,9 @@ def searched(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> TreeSearch:
     points = np.concatenate(surfaces) + np.random.default_rng(1).normal(scale=5e-4, size=(sum(map(len, surfaces)), 3))
     scan = pk.Scan(points, sensor_origin=EYE)
     ready = observe(scan, plate.diagonal, ObservationOptions(), 1)
-    return TreeSearch(plate.kernel_model, plate.surfaces, ready, np.zeros(0), SearchOptions(), 1)
+    return TreeSearch(
+        Sought(plate.kernel_model, plate.surfaces, SearchOptions(), 1), ready, SearchPrior.nothing(np.zeros(0))
+    )
 
 
 def at_height(search: TreeSearch, height: float, score: float = 0.0) -> Candidates:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.reinterpretation import ReinterpretationOptions, reinterpreted
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.model.symmetry import find_symmetry
 
@@ -51,7 +52,9 @@ def searched(figure: pk.ArticulatedModel) -> TreeSearch:
     scan = pk.simulate(figure, pk.State(np.eye(4), TRUE), seed=4).scan
     observation = observe(scan, figure.diagonal, ObservationOptions(), 1)
     neutral = figure.values({})
-    return TreeSearch(figure.kernel_model, figure.surfaces, observation, neutral, SearchOptions(), 1)
+    return TreeSearch(
+        Sought(figure.kernel_model, figure.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(neutral)
+    )
 
 
 def configuration(figure: pk.ArticulatedModel, search: TreeSearch, joints: dict[str, float]) -> Candidates:

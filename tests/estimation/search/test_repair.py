@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.repair import RepairOptions, _across, repair_moves
-from pwralign_kin.estimation.search.tree_search import SearchOptions, TreeSearch
+from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 
 
@@ -24,7 +25,9 @@ def test_a_plate_beside_its_place_by_its_thickness_is_put_back(laptop: pk.Articu
     """Points on one of its sides were taken for points on the other, and nothing led back."""
     simulated = pk.simulate(laptop, seed=4)
     observation = observe(simulated.scan, laptop.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(laptop.kernel_model, laptop.surfaces, observation, np.zeros(1), SearchOptions(), 2)
+    search = TreeSearch(
+        Sought(laptop.kernel_model, laptop.surfaces, SearchOptions(), 2), observation, SearchPrior.nothing(np.zeros(1))
+    )
     true = observation.to_search(simulated.state.T_scan_base)
     beside = true.copy()
     beside[:3, 3] += true[:3, :3] @ _across(laptop.surfaces[0])[way]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, TreeSearch, halved
+from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, Sought, TreeSearch, halved
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -92,7 +93,11 @@ def test_what_a_sweep_finds_scores_as_whole_configurations_do(
     few = pk.Scan(single_scan.scan.points[::25], sensor_origin=single_scan.scan.sensor_origin)
     observation = observe(few, arm.diagonal, ObservationOptions(), 1)
     assert len(observation.points) <= 350  # a sweep looks at no more of them at first
-    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 1)
+    search = TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 1),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
     true = true_candidate(arm, search, single_scan, units)
     joints = np.arange(true.values.shape[1], dtype=np.int32)
     swept = search.swept(true, joints, np.full(len(joints), base_moves), 4)
@@ -104,7 +109,11 @@ def test_a_view_contradicts_surface_in_free_space(
     arm: pk.ArticulatedModel, single_scan: SimulatedScan, units: np.ndarray
 ) -> None:
     observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    search = TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
     true = true_candidate(arm, search, single_scan, units)
     assert not search.is_contradicted(true)
     sensor = observation.scaled(np.asarray(single_scan.scan.sensor_origin, float).reshape(1, 3))[0]
@@ -120,7 +129,11 @@ def test_what_a_mask_cuts_away_hardly_contradicts_a_tolerant_search(
     kept = scan.points[:, 0] > np.quantile(scan.points[:, 0], 0.4)
     cut = pk.Scan(scan.points[kept], sensor_origin=scan.sensor_origin)
     observation = observe(cut, arm.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    search = TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
     true = true_candidate(arm, search, single_scan, units)
     assert search.is_contradicted(true)
     assert not search.tolerant().is_contradicted(true)
@@ -186,7 +199,11 @@ def test_a_ball_joint_of_three_hinges_is_turned_as_one(tmp_path: Path) -> None:
         state = pk.State(T_scan_base=np.eye(4), joints={"z": z, "y": y, "x": x})
         made = pk.simulate(model, state, TIERS["full"], 0)
         observation = observe(made.scan, model.diagonal, ObservationOptions(), 2)
-        search = TreeSearch(model.kernel_model, model.surfaces, observation, np.zeros(3), SearchOptions(), 2)
+        search = TreeSearch(
+            Sought(model.kernel_model, model.surfaces, SearchOptions(), 2),
+            observation,
+            SearchPrior.nothing(np.zeros(3)),
+        )
         true = true_candidate(model, search, made, np.ones(3))
         root = Hypotheses(np.zeros(1, np.int32), search.part_placements(true)[:, 0], np.ones(1, np.float32))
         best = search.scored(search.refined(search.grow(root, 8)))[0].best_first().take([0])
@@ -219,7 +236,9 @@ def test_fine_slats_explain_a_scan_that_shows_them_as_one_plane(tmp_path: Path) 
     def explained(surfaces: tuple[Surface, ...]) -> float:
         other = replace(model)
         vars(other)["surfaces"] = surfaces
-        search = TreeSearch(other.kernel_model, surfaces, observation, np.zeros(1), SearchOptions(), 2)
+        search = TreeSearch(
+            Sought(other.kernel_model, surfaces, SearchOptions(), 2), observation, SearchPrior.nothing(np.zeros(1))
+        )
         return float(search.coverage(true_candidate(model, search, made, np.ones(1)))[0])
 
     as_made = tuple(replace(s, apparent_normals=s.dense_normals) for s in model.surfaces)
@@ -261,7 +280,9 @@ def test_a_thin_part_off_the_scan_lacks_however_much_area_noise_gives_the_others
     truth = pk.State(np.eye(4), dict(zip(rule.joint_names, (0.9, -1.1, 1.2, 0.8), strict=True)))
     made = pk.simulate(rule, truth, TIERS["hololens"], seed=0)
     observation = observe(made.scan, rule.diagonal, ObservationOptions(), 1)
-    search = TreeSearch(rule.kernel_model, rule.surfaces, observation, rule.values({}), SearchOptions(), 1)
+    search = TreeSearch(
+        Sought(rule.kernel_model, rule.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(rule.values({}))
+    )
     right = true_candidate(rule, search, made, np.ones(4))
     off = Candidates(right.bases, right.values + np.array([0.0, 0.0, 0.0, 1.5]), NONE)
     assert search.explained_shares(search.owners(right, search.exists)[1]).min() > 1.5

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched_scenes import EVERYWHERE, observed, searched_points, searching, true_and_moved
+from searched_scenes import EVERYWHERE, observed, scenes_of, searched_points, searching, true_and_moved
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.search.candidates import Candidates
@@ -21,7 +21,7 @@ pytest.importorskip("open3d", reason="ray casting needs Open3D and its system li
 
 
 def taken_for_scene(model: pk.ArticulatedModel, scan: pk.Scan) -> bool:
-    return is_scene(scan, model.diagonal, model.reach, SceneOptions(), ObservationOptions(), 2)
+    return is_scene(scan, scenes_of(model))
 
 
 def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
@@ -82,7 +82,7 @@ def test_the_field_of_a_scene_does_not_depend_on_the_threads(
 def against(model: pk.ArticulatedModel, made: SimulatedScan, points: np.ndarray, unreturned: float) -> float:
     """Return how much of the model's surface, at the truth, a view of `points` speaks against."""
     scan, options = pk.Scan(points, sensor_origin=np.zeros(3)), SceneOptions(unreturned=unreturned)
-    ready = observe_scene(scan, model.surfaces, model.diagonal, EVERYWHERE, ObservationOptions(), options, 2)
+    ready = observe_scene(scan, replace(scenes_of(model), options=options), EVERYWHERE)
     search = searching(model, ready)
     support = search.scored(true_and_moved(model, made, ready).take([0]))[1][0]
     return -float(support @ (search.weights * search.exists))
@@ -149,9 +149,7 @@ def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     scan = pk.Scan(scene.scan.points[few], sensor_origin=np.zeros(3))
 
     def linked(options: SceneOptions) -> int:
-        ready = observe_scene(
-            scan, excavator.surfaces, excavator.diagonal, EVERYWHERE, ObservationOptions(), options, 2
-        )
+        ready = observe_scene(scan, replace(scenes_of(excavator), options=options), EVERYWHERE)
         own = ready.scaled(scan.points[scene.labels[few] >= 0])
         near = ready.field.nearest(own)
         return int(np.bincount(ready.regions[near[near >= 0]] + 1)[1:].max(initial=0))
@@ -210,10 +208,9 @@ def test_a_patch_of_floor_that_is_left_unexplained_is_looked_at_as_surroundings(
     scan = pk.Scan(np.concatenate([points, patch]), sensor_origin=made.scan.sensor_origin)
 
     left = np.arange(len(scan.points)) >= len(points)
-    options = (ObservationOptions(), SceneOptions(), 2)
-    found = surroundings_of(scan, left, excavator.surfaces, excavator.diagonal, *options)
+    found = surroundings_of(scan, left, scenes_of(excavator))
     assert found[left].mean() > 0.9 and not found[~left].any()
-    assert not surroundings_of(scan, ~left, excavator.surfaces, excavator.diagonal, *options).any()
+    assert not surroundings_of(scan, ~left, scenes_of(excavator)).any()
 
     estimate = pk.estimate(excavator, scan)
     assert estimate.confidence > 0.5
