@@ -248,7 +248,8 @@ def test_time_to_grow_does_not_double_with_every_branching(tmp_path: Path) -> No
     def seconds(bones: int) -> float:
         pieces = [BONE.format(name="bone0", width=0.05)]
         for i in range(bones):
-            pieces += [BONE.format(name=f"bone{i + 1}", width=0.04 + 0.003 * i), BONE.format(name=f"rib{i}", width=0.03)]
+            pieces.append(BONE.format(name=f"bone{i + 1}", width=0.04 + 0.003 * i))
+            pieces.append(BONE.format(name=f"rib{i}", width=0.03))
             pieces.append(RIB.format(parent=f"bone{i}", child=f"bone{i + 1}", x=0.2, y=0, turn=0))
             pieces.append(RIB.format(parent=f"bone{i}", child=f"rib{i}", x=0, y=0.1, turn=1.4))
         (tmp_path / "spine.urdf").write_text(f'<robot name="spine">{"".join(pieces)}</robot>')
