@@ -237,7 +237,7 @@ class Search {
                        std::vector<double> &values) const;
     std::vector<Configuration> closed(const ReachTask &task, const Rigid &held, const std::vector<double> &values,
                                       Random random, int starts, int keep, float tolerance) const;
-    std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep,
+    std::vector<Partial> grow_from(Partial start, int node, int previous, int only, int keep, bool foremost,
                                    const Growth &growth) const;
     std::vector<Partial> cross_edge(std::vector<Partial> states, int node, Edge edge, float leads_to, int most,
                                     const Growth &growth) const;

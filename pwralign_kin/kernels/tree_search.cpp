@@ -394,8 +394,9 @@ std::vector<Search::Partial> Search::unlike(std::vector<Partial> states, int nod
 }
 
 // Beam search away from `previous`. Along a chain the beam is carried on; at a branching every branch grows on its own
-// from each of the few best states, so that the branches do not multiply.
-std::vector<Search::Partial> Search::grow_from(Partial start, int node, int previous, int only, int keep,
+// from each of the few best states, so that the branches do not multiply. What grows from any but the foremost of these
+// has one state at each further branching, or the time would double with every branching on the way outwards.
+std::vector<Search::Partial> Search::grow_from(Partial start, int node, int previous, int only, int keep, bool foremost,
                                                const Growth &growth) const {
     std::vector<Partial> states{std::move(start)};
     while (true) {
@@ -404,9 +405,10 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             if (e.to != previous && (only < 0 || e.to == only)) onward.push_back(e);
         if (onward.empty()) break;
         if (onward.size() > 1) {
-            states = unlike(std::move(states), node, options.branch_beam);
-            for (Partial &state : states)
-                for (const Edge &e : onward) state = grow_from(std::move(state), node, previous, e.to, 1, growth).front();
+            states = unlike(std::move(states), node, foremost ? options.branch_beam : 1);
+            for (size_t i = 0; i < states.size(); ++i)
+                for (const Edge &e : onward)
+                    states[i] = grow_from(std::move(states[i]), node, previous, e.to, 1, foremost && i == 0, growth).front();
             sort_by_score(states);
             break;
         }
@@ -469,7 +471,7 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, in
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
         const Growth growth{field_weights, weights.data(), &roots};
-        for (const Partial &state : grow_from(start, roots[i].part, -1, -1, keep, growth))
+        for (const Partial &state : grow_from(start, roots[i].part, -1, -1, keep, true, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
     return flattened(grown);
@@ -528,7 +530,7 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
             for (int64_t k = 0; k < count; ++k) point_weights[k] = field.weight[k] * (explained[k] ? options.explained_weight : 1.f);
         }
         const Growth growth{point_weights.empty() ? field_weights : point_weights.data(), task.weights.data(), nullptr};
-        for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, growth))
+        for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, true, growth))
             grown[i].push_back({state.T[0], state.values, float(state.score)});
     });
     return flattened(grown);

@@ -8,7 +8,7 @@ like them were, the nearest way that the whole tree allows (dynamic programming 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,10 @@ class ReinterpretationOptions:
     """How many readings of a surface are looked at. Lengths in model diagonals."""
 
     ways: int = 64
-    """Placements that a part is tried in: its own ways round first, then those in the places of parts like it."""
+    """Placements that a part of a model of few parts is tried in: its own ways round first, then those in the places of
+    parts like it."""
     turned: int = 64
-    """Readings, each for another turn of one part, the nearest to the old surface first."""
+    """Readings of such a model, each for another turn of one part, the nearest to the old surface first."""
     same: float = 0.003
     """Sum of the displacements of all parts up to which a reading has the old surface, ..."""
     apart: float = 0.15
@@ -51,7 +52,8 @@ def reinterpreted(
     model: ArticulatedModel, search: TreeSearch, solution: Candidates, options: ReinterpretationOptions
 ) -> Candidates | None:
     """Return configurations that nearly have the surface of `solution` (one), best score first; None if none."""
-    turned, parts = _Reader(model, search, solution, options).readings()
+    fewer = {"ways": round(options.ways * search.share_tried), "turned": round(options.turned * search.share_tried)}
+    turned, parts = _Reader(model, search, solution, replace(options, **fewer)).readings()
     if len(turned) == 0:
         return None
     regrown, regrown_parts = _regrown_below(search, turned, parts, options.regrown)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -254,6 +255,35 @@ def test_growth_for_one_answer_finds_the_best_of_many(search: TreeSearch) -> Non
         assert (np.diff(many.scores) <= 0).all()
         assert many.scores[0] == best.scores[index]
         assert np.array_equal(many.values[0], best.values[index])
+
+
+BONE = """<link name="{name}"><visual><geometry><box size="0.18 {width:.3f} 0.03"/></geometry></visual></link>"""
+RIB = """<joint name="to_{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+  <origin xyz="{x} {y} 0" rpy="0 0 {turn}"/><axis xyz="0 1 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+</joint>"""
+
+
+def test_time_to_grow_does_not_double_with_every_branching(tmp_path: Path) -> None:
+    def seconds(bones: int) -> float:
+        pieces = [BONE.format(name="bone0", width=0.05)]
+        for i in range(bones):
+            pieces.append(BONE.format(name=f"bone{i + 1}", width=0.04 + 0.003 * i))
+            pieces.append(BONE.format(name=f"rib{i}", width=0.03))
+            pieces.append(RIB.format(parent=f"bone{i}", child=f"bone{i + 1}", x=0.2, y=0, turn=0))
+            pieces.append(RIB.format(parent=f"bone{i}", child=f"rib{i}", x=0, y=0.1, turn=1.4))
+        (tmp_path / "spine.urdf").write_text(f'<robot name="spine">{"".join(pieces)}</robot>')
+        model = pk.ArticulatedModel.from_urdf(tmp_path / "spine.urdf")
+        made = pk.simulate(model, sensor=TIERS["full"], seed=0)
+        observation = observe(made.scan, model.diagonal, ObservationOptions(), 1)
+        neutral = np.zeros(2 * bones)
+        search = TreeSearch(model.kernel_model, model.surfaces, observation, neutral, SearchOptions(), 1)
+        true = true_candidate(model, search, made, np.ones(2 * bones))
+        root = Hypotheses(np.zeros(1, np.int32), search.part_placements(true)[:, 0], np.ones(1, np.float32))
+        start = time.process_time()
+        search.grow(root, 8)
+        return time.process_time() - start
+
+    assert seconds(12) < 16 * seconds(6)
 
 
 @pytest.mark.parametrize("seed", [0, 2, 7])
