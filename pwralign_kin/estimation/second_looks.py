@@ -108,9 +108,9 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
 
 def _within_picture(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
     """Look again at a view that the border of its picture cuts, as one that tells nothing of what is beyond, and return
-    the best answer by what it then tells."""
+    the best answer by what it then tells. An answer from a guess was not led away from it by free space."""
     observation = fit.solver.search.observation
-    if observation.scene or not observation.single_view or len(observation.borders):
+    if observation.scene or not observation.single_view or len(observation.borders) or fit.initial is not None:
         return fit, estimate
     borders = borders_of(fit.scan, observation, estimator.threads)
     if len(borders) == 0:
@@ -118,9 +118,9 @@ def _within_picture(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answe
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
     best = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, borders=borders)
     if not is_plainly_right(best.solver.search, best.finished.take([0])):
-        anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, borders=borders)
+        anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
         best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
-    best = replace(best, initial=fit.initial, prior=fit.prior)
+    best = replace(best, initial=None, prior=fit.prior)
     return best, estimator.finished(best)
 
 

@@ -1,7 +1,7 @@
 """Where the picture of a depth camera ends: what lies beyond was not looked at, so nothing tells that it is free.
 
-A depth image tells its own borders. Of points from one place they are found: a straight edge of what was seen, whose
-depths are those of no straight edge of a thing.
+A depth image tells its own borders. Of points from one place they are found, where all pixels of an image are given: a
+row of them that ends what was seen, whose depths are those of no straight edge of a thing.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ BIN = 3.0
 """Pixels of a border that one point shows to be reached, ..."""
 LEAST_BINS, LEAST_LENGTH = 10, 0.06
 """... how many such pieces of it must be, and how long (model diagonals) all of them together."""
+ROW = 0.8
+"""Points within half a pixel of a border, over the pixels of it that they reach: one row, or column, of the image lies
+along it, and crosses other edges."""
 LEAST_SPREAD, SPREAD_NOISES = 0.01, 4.0
 """Median distance of its points from a straight line in their own plane (model diagonals, and times the noise) that
 tells a border from a straight edge of a thing."""
@@ -54,10 +57,10 @@ def borders_of(scan: Scan, observation: Observation, threads: int) -> Float:
     scale = float(np.median(depth))
     found: list[Array] = []
     for normal, offset in _edges(image, pixel):
-        on_border = image @ normal > offset - pixel
+        on_border = image @ normal > offset - 0.5 * pixel
         along = image[on_border] @ np.array([-normal[1], normal[0]])
         bins = len(np.unique(np.floor(along / (BIN * pixel))))
-        if bins < LEAST_BINS or bins * BIN * pixel * scale < LEAST_LENGTH:
+        if bins < LEAST_BINS or bins * BIN * pixel * scale < LEAST_LENGTH or len(along) < ROW * BIN * bins:
             continue
         if _off_line(along, depth[on_border]) < max(LEAST_SPREAD, SPREAD_NOISES * observation.noise):
             continue
