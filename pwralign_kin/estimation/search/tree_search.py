@@ -34,7 +34,7 @@ ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 SPARSE = 1.2
 """Spacings of points within which one confirms surface, where that is farther than a point's reach."""
-LEAST_PICTURED = 0.1
+LEAST_PICTURED = 0.25
 """Share of the surface that a picture holds, at least."""
 REMEMBERED = 8
 """Looks at one candidate that are kept: the stages ask the same of the same answer in turn."""
