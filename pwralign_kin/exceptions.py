@@ -35,6 +35,8 @@ class MissingMeshError(ModelError):
         remedy = "name the folders that contain its packages with package_dirs / --package-dir"
         if not any(name.startswith("package://") for name in meshes):
             remedy = "are they where the URDF says, as seen from its own folder?"
+        if any("$(" in name or "${" in name for name in meshes):
+            remedy = "names with $ are expressions of xacro: read the .xacro that this URDF is a piece of"
         super().__init__(path, f"{len(meshes)} missing mesh{'es' * (len(meshes) > 1)}: {names} ({where}); {remedy}")
 
 

@@ -93,18 +93,20 @@ class Estimator:
         watch: Stopwatch | None = None,
         surroundings: NDArray[np.bool_] | None = None,
         turned: NDArray[np.bool_] | None = None,
+        borders: NDArray[np.float32] | None = None,
     ) -> Fit:
         """Return all answers worth comparing, before the joint least squares.
 
         Points known to be of the `surroundings` (n,) make the scan a scene. Prepared points that are `turned` (m,) are
-        taken for the other side of the surface.
+        taken for the other side of the surface. `borders` (b, 3) are where the picture of a view ends: outward normals
+        of planes through the sensor.
         """
         watch = watch or Stopwatch(self.progress)
         scan = self._believed(scan)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = self._observe(scan, initial, surroundings, turned)
+            observation = self._observe(scan, initial, surroundings, turned, borders)
             search = self._search(observation, prior, lower, upper)
         searching = SceneAnswerSearch if observation.scene else AnswerSearch
         answers = searching(self.model, search, self.options, correspondences, watch)
@@ -169,6 +171,7 @@ class Estimator:
         initial: State | None,
         surroundings: NDArray[np.bool_] | None,
         turned: NDArray[np.bool_] | None,
+        borders: NDArray[np.float32] | None,
     ) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
@@ -176,7 +179,7 @@ class Estimator:
         if options.region is None and surroundings is None:
             if not is_scene(scan, self.scenes):
                 near = without_far_points(scan, model.reach)
-                return observe(near, model.diagonal, options.observation, self.threads, turned)
+                return observe(near, model.diagonal, options.observation, self.threads, turned, borders)
             if scan.sensor_origin is None:
                 logger.info(
                     "%s: searched as a scene; its sensor origin (0 0 0 in a camera's own frame) would tell hidden from "

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answers.one_sided import turned_over
+from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
 from pwralign_kin.estimation.evidence.soundness import soundness
@@ -18,6 +19,7 @@ from pwralign_kin.estimation.knowledge.prior import BasePrior
 from pwralign_kin.estimation.reporting import state_of
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.sensing.observation import was_prepared, without_far_points
+from pwralign_kin.estimation.sensing.picture import borders_of
 from pwralign_kin.estimation.sensing.scene import surroundings_of
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
 from pwralign_kin.estimation.stages import Fit
@@ -53,7 +55,8 @@ def estimated(
     warn_of_rounding(scan, estimator.model.diagonal)
     fit = estimator.fit(scan, initial, correspondences)
     estimate = estimator.finished(fit)
-    for look in (_from_other_sides, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin):
+    looks = (_from_other_sides, _within_picture, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin)
+    for look in looks:
         fit, estimate = look(estimator, fit, estimate)
     estimate = _against_mirror_image(estimator, fit, estimate)
     warn_of_size(scan, estimate)
@@ -101,6 +104,24 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
         if anew.finished.scores[0] > enough:
             return anew
     return replace(from_answer, initial=fit.initial, prior=fit.prior)
+
+
+def _within_picture(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+    """Look again at a view that the border of its picture cuts, as one that tells nothing of what is beyond, and return
+    the best answer by what it then tells. An answer from a guess was not led away from it by free space."""
+    observation = fit.solver.search.observation
+    if observation.scene or not observation.single_view or len(observation.borders) or fit.initial is not None:
+        return fit, estimate
+    borders = borders_of(fit.scan, observation, estimator.threads)
+    if len(borders) == 0:
+        return fit, estimate
+    answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
+    best = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, borders=borders)
+    if not is_plainly_right(best.solver.search, best.finished.take([0])):
+        anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
+        best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
+    best = replace(best, initial=None, prior=fit.prior)
+    return best, estimator.finished(best)
 
 
 def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
@@ -154,7 +175,7 @@ def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) ->
     if other is None or soundness(other[1].evidence) < SIGHTED or other[1].confidence < estimate.confidence:
         return fit, estimate
     logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
-    return other
+    return _within_picture(estimator, *other)
 
 
 def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:

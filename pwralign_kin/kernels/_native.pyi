@@ -104,6 +104,7 @@ class ScanField:
         truncation: float,
         sensor_origin: Sequence[float],
         depth_points: NDArray[np.float32],
+        borders: NDArray[np.float32],
         pixel: float,
         tolerance: float,
         shadow: float,

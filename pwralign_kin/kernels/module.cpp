@@ -301,15 +301,15 @@ void bind_meshes(nb::module_ &m) {
 
 void bind_search(nb::module_ &m) {
     nb::class_<ScanField>(m, "ScanField")
-        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, float pixel, float tolerance, float shadow, float unreturned, int threads) {
+        .def("__init__", [](ScanField *self, Points points, Points normals, Floats weights, Floats areas, Ints regions, float cell, float truncation, std::vector<float> sensor_origin, Points depth_points, Points borders, float pixel, float tolerance, float shadow, float unreturned, int threads) {
             const size_t count = points.shape(0);
             require(count > 0 && normals.shape(0) == count && weights.shape(0) == count && areas.shape(0) == count && regions.shape(0) == count, "the arrays of the points differ in length");
             require_cells(points, cell);
             require(sensor_origin.empty() || sensor_origin.size() == 3, "a sensor origin has three coordinates");
             const Vec sensor = sensor_origin.empty() ? Vec{0, 0, 0} : Vec{sensor_origin[0], sensor_origin[1], sensor_origin[2]};
             nb::gil_scoped_release release;
-            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), pixel, tolerance, shadow, unreturned, threads);
-        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "unreturned"_a, "threads"_a)
+            new (self) ScanField(copied(points), copied(normals), {weights.data(), weights.data() + count}, {areas.data(), areas.data() + count}, {regions.data(), regions.data() + count}, cell, truncation, sensor_origin.empty() ? nullptr : &sensor, copied(depth_points), copied(borders), pixel, tolerance, shadow, unreturned, threads);
+        }, "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a, "depth_points"_a, "borders"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "unreturned"_a, "threads"_a)
         .def("with_unreturned", [](const ScanField &self, float unreturned) {
             ScanField other = self;
             other.unreturned = unreturned;

@@ -29,8 +29,8 @@ std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, V
 
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
-                     const Vec *sensor_origin, const std::vector<Vec> &depth_points, float pixel, float tolerance,
-                     float shadow, float unreturned, int threads)
+                     const Vec *sensor_origin, const std::vector<Vec> &depth_points, const std::vector<Vec> &borders,
+                     float pixel, float tolerance, float shadow, float unreturned, int threads)
     : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), unreturned(sensor_origin ? unreturned : 1.f), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
       inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
@@ -58,9 +58,9 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     if (!has_origin) return;
     // Of what lies out of the picture a whole scene tells nothing: it is as if it were hidden right at the sensor.
     const bool whole_scene = unreturned < 1;
-    const auto image = std::make_shared<const DepthImage>(depth_points, sensor, pixel, tolerance, whole_scene);
+    const auto image = std::make_shared<const DepthImage>(depth_points, sensor, pixel, tolerance, whole_scene, borders);
     mark_unseen(*image, threads);
-    if (whole_scene) beyond = image;
+    if (whole_scene || !borders.empty()) beyond = image;
 }
 
 namespace {
@@ -124,7 +124,8 @@ std::vector<char> pictured(const std::vector<float> &depth, int width, int heigh
 }
 } // namespace
 
-DepthImage::DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene)
+DepthImage::DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene,
+                       const std::vector<Vec> &outward)
     : beside(whole_scene ? occluded : silent), tolerance(tolerance) {
     double mean[3] = {0, 0, 0};
     for (const Vec &p : points) mean[0] += p.x, mean[1] += p.y, mean[2] += p.z;
@@ -135,6 +136,7 @@ DepthImage::DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, 
     right = cross(std::abs(forward.x) < .7f ? Vec{1, 0, 0} : Vec{0, 1, 0}, forward);
     right = (1 / norm(right)) * right;
     down = cross(forward, right);
+    for (const Vec &n : outward) borders.push_back({dot(n, right), dot(n, down), dot(n, forward)});
     focal = range / pixel;
     auto project = [&](Vec p, float &u, float &v, float &z) {
         const Vec d = p - sensor;

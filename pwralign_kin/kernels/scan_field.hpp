@@ -19,8 +19,10 @@ class DepthImage {
     static constexpr int free = 0, silent = 1, occluded = 2; // states of positions; silent: no ray came back
 
     // The image of `points` from the `sensor` towards them; its pixels are as wide as `pixel` at their mean range. What is
-    // out of the picture of a whole scene is occluded, for it tells nothing of that; else silent.
-    DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene);
+    // out of the picture of a whole scene is occluded, for it tells nothing of that; else silent. Occluded is also what is
+    // beyond one of the `borders` of the picture: planes through the sensor, by their normals.
+    DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene,
+               const std::vector<Vec> &borders);
 
     // States of positions at some `range` from the sensor in the direction `forward`, and so far to the right and down;
     // not `inside` are those that do not matter.
@@ -34,13 +36,17 @@ class DepthImage {
         for (int l = 0; l < lane_count; ++l) surface[l] = depth[pixel[l]];
         const IntLanes answered = inside & (surface < silence), behind = range > surface + tolerance;
         const IntLanes seen = behind ? IntLanes{} + occluded : IntLanes{} + free;
-        return answered ? seen : inside ? IntLanes{} + silent : IntLanes{} + beside;
+        const IntLanes state = answered ? seen : inside ? IntLanes{} + silent : IntLanes{} + beside;
+        IntLanes cut_off{};
+        for (const Vec &n : borders) cut_off |= n.x * rightward + n.y * downward + n.z * range > 0;
+        return cut_off ? IntLanes{} + occluded : state;
     }
 
     Vec forward, right, down;
 
   private:
     static constexpr float silence = 1e30f;
+    std::vector<Vec> borders; // normals to the right, down and forward
     std::vector<float> depth;
     int width, height, beside;
     float focal, tolerance;
@@ -51,12 +57,13 @@ class ScanField {
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,
     // `depth_points` (the full-resolution cloud) decide which cells are occluded: those behind a return by more than
     // `tolerance`, out to `shadow` behind the surface. Cells before and behind nothing, where no ray came back, are
-    // known to be free only to the extent of `unreturned`, in [0, 1]; without an origin nothing is told apart.
+    // known to be free only to the extent of `unreturned`, in [0, 1], and not at all beyond one of the `borders` of what
+    // the sensor looked at: planes through it, by their outward normals. Without an origin nothing is told apart.
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
-              const std::vector<Vec> &depth_points, float pixel, float tolerance, float shadow, float unreturned,
-              int threads);
+              const std::vector<Vec> &depth_points, const std::vector<Vec> &borders, float pixel, float tolerance,
+              float shadow, float unreturned, int threads);
 
     // The cell of a position; outside of the grid there is one that is silent and near to nothing.
     int cell_at(Vec p) const {
@@ -101,7 +108,7 @@ class ScanField {
     }
 
     static constexpr int nothing = -4;        // code of a cell that no point is near to, but for its state
-    std::shared_ptr<const DepthImage> beyond; // what is known outside of the grid, of a whole scene
+    std::shared_ptr<const DepthImage> beyond; // what is known outside of the grid, of a picture with an end
 
     float cell, inverse;
     Vec origin;

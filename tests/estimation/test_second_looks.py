@@ -13,7 +13,9 @@ import pwralign_kin as pk
 from pwralign_kin.estimation import second_looks
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.exceptions import CorrespondenceError
-from pwralign_kin.simulation import SimulatedScan
+from pwralign_kin.simulation import SimulatedScan, random_state
+from pwralign_kin.simulation.raycasting import World, looking_at
+from pwralign_kin.simulation.simulator import posed_parts
 
 
 def _answer(scan: pk.Scan, sound: float, confidence: float) -> Any:
@@ -95,3 +97,19 @@ def test_the_mirror_image_is_of_the_scan_as_it_was_taken_to_be(
     pk.estimate(arm, scan)
     assert scan.sensor_origin is not None
     assert held_against == [None]
+
+
+def test_what_is_out_of_the_picture_is_not_in_sight(excavator: pk.ArticulatedModel) -> None:
+    """A camera sees half of an excavator: nothing of the other half is missed."""
+    truth = random_state(excavator, 2)
+    world = World(posed_parts(excavator, truth))
+    origin = world.centre + 2.5 * world.radius * np.array([0.6, 0.8, 0.0])
+    axes = looking_at(world.centre - origin)
+    image = world.camera_image(origin, axes, 300.0, (200, 240))
+    image.distance[:, :100] = np.inf
+    seen = np.isfinite(image.distance)
+    estimate = pk.estimate(excavator, pk.Scan(image.points[seen], sensor_origin=origin))
+    off = estimate.state.T_scan_base - truth.T_scan_base
+    assert np.linalg.norm(off[:3, 3]) < 0.01 * excavator.diagonal
+    assert estimate.evidence.in_sight > 0.8
+    assert estimate.confidence > 0.7

@@ -383,6 +383,11 @@ def test_packages_are_not_asked_for_where_none_is_named(read: Read, folder: Path
     assert "--package-dir" not in str(caught.value)
 
 
+def test_names_that_only_xacro_can_read_are_said_to_be_so(read: Read) -> None:
+    with pytest.raises(MissingMeshError, match="expressions of xacro"):
+        read(link("a", visual('<mesh filename="$(arg meshes)/gone.stl"/>')))
+
+
 def test_a_mesh_missing_from_its_package(write_urdf: WriteUrdf, tmp_path: Path) -> None:
     (tmp_path / "ws/robot/meshes").mkdir(parents=True)
     path = write_urdf(mesh_link("package://robot/meshes/gone.stl"), "ws/robot/urdf/bot.urdf")

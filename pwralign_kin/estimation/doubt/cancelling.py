@@ -173,7 +173,8 @@ class _Slid:
     def costs(self, moves: Array, errors: Errors) -> Array:
         """Return the negative log-likelihood (m,) of the points after each of the `moves`."""
         variance = errors.noise**2 + errors.systematic**2
-        left = np.array([self._residuals(placements) for placements in self.placed(moves)]).reshape(len(moves), -1)
+        left = np.array([self._residuals(placements) for placements in self.placed(moves)])
+        left = left.reshape(len(moves), len(self.points))
         return np.asarray(np.minimum(left**2 / variance, MOST_STD**2).sum(axis=1) * self.each / 2.0)
 
     def _residuals(self, placements: Array) -> Array:

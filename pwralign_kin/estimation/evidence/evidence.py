@@ -151,7 +151,7 @@ def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evide
         distinct,
         told,
         observation.noise,
-        confirmed * float(shares @ weights) / float(weights.sum()),
+        confirmed * float(shares @ weights) / float(weights.sum()) / search.pictured(final),
         in_sight,
         agreed,
         1.0 - search.unexplained(final) if observation.scene else float(on_model),

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.sensing.observation import ALL_SIDES, ONE_SIDE, Observation, median
 from pwralign_kin.model.surface import Surface, part_weights, total_area
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, transform
 
 Float = NDArray[np.float32]
 Ints = NDArray[np.int32]
@@ -35,6 +35,8 @@ ALIKE = 0.7
 """Cosine between the normals of a scan point and of the model there, from which they agree."""
 SPARSE = 1.2
 """Spacings of points within which one confirms surface, where that is farther than a point's reach."""
+LEAST_PICTURED = 0.25
+"""Share of the surface that a picture holds, at least."""
 REMEMBERED = 8
 """Looks at one candidate that are kept: the stages ask the same of the same answer in turn."""
 MOST_REACH = 0.9 * BAND
@@ -544,6 +546,17 @@ class TreeSearch:
         distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
         shown, near, confirmed = (float(self.areas @ own) for own in self.native.in_sight(placements, distance, ALIKE))
         return confirmed / max(shown, 1e-9), confirmed / near if near > 0.0 else 1.0
+
+    def pictured(self, candidate: Candidates) -> float:
+        """Return the share of one candidate's surface that is within the picture of a view; 1 where nothing cuts it."""
+        observation = self.observation
+        if observation.sensor_origin is None or len(observation.borders) == 0:
+            return 1.0
+        placements, inside = self.part_placements(candidate)[0], 0.0
+        for part in map(int, np.flatnonzero(self.exists)):
+            rays = transform(placements[part], self.surfaces[part].samples.astype(float)) - observation.sensor_origin
+            inside += float(self.areas[part] * (rays @ observation.borders.T <= 0.0).all(axis=1).mean())
+        return max(inside / float(self.areas[self.exists].sum()), LEAST_PICTURED)
 
     def explained_shares(self, owners: Ints) -> Float:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""

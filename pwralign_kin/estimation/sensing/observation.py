@@ -6,7 +6,7 @@ stated. `Observation.to_scan` and `to_search` convert placements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
 
 Float = NDArray[np.float32]
+
+NO_BORDERS: Float = np.zeros((0, 3), np.float32)
 
 NEIGHBOURHOODS = 1000
 """Points about which noise is measured."""
@@ -126,6 +128,8 @@ class Observation:
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
+    borders: Float = field(default_factory=lambda: NO_BORDERS)
+    """(b, 3) outward unit normals of planes through the sensor beyond which it looked at nothing."""
     cut_out: bool = False
     """Whether it is what lies near one answer to a scene: other things may be among it."""
 
@@ -162,10 +166,12 @@ def observe(
     options: ObservationOptions,
     threads: int,
     turned: NDArray[np.bool_] | None = None,
+    borders: Float | None = None,
 ) -> Observation:
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left.
 
     Without a sensor origin the normals of prepared points that are to be `turned` (m,) are those of their other side.
+    Of what is beyond the `borders` (b, 3) of its picture a view tells nothing.
     """
     centre = np.array([coordinate.mean() for coordinate in scan.points.T])
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
@@ -194,16 +200,17 @@ def observe(
     count = len(points)
     weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
     pixel = depth_pixel(gap, options)
+    borders = NO_BORDERS if borders is None else borders
     field = kernels.ScanField(
         points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
         [] if origin is None else [float(v) for v in origin],
         raw if origin is not None else np.zeros((0, 3), np.float32),
-        pixel, options.depth_tolerance, options.shadow, 1.0, threads,
+        borders, pixel, options.depth_tolerance, options.shadow, 1.0, threads,
     )  # fmt: skip
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
         points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
-        noise, pixel, origin, field, centre, diagonal,
+        noise, pixel, origin, field, centre, diagonal, borders=borders,
     )  # fmt: skip
 
 

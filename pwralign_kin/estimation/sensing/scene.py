@@ -309,7 +309,7 @@ def _field(
         kept.points, kept.normals, kept.weights, kept.areas, kept.regions, cell, preparing.field_truncation,
         [] if seen.origin is None else [float(v) for v in seen.origin],
         seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
-        pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
+        preparation.NO_BORDERS, pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
     )  # fmt: skip
 
 

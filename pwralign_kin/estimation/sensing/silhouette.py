@@ -22,6 +22,8 @@ MARGIN = 30
 """Pixels around the scan's image."""
 MOST_PIXELS = 2.5e5
 """Of the image that the outline is drawn in: the pixels of a larger one are larger."""
+CUT = 3
+"""Pixels from the border of the picture within which an outline may be its own."""
 RIM = 1.5
 """Samples this near to the edge of the model's image (pixels) are on its outline."""
 LEAST_SLOPE = 0.3
@@ -93,16 +95,17 @@ class Silhouette:
         self.shape = tuple(np.ceil((high - low) / self.pixel).astype(int) + 2 * MARGIN)
         seen = self._raster(own)
         seen = ndimage.binary_opening(ndimage.binary_closing(seen, iterations=2), iterations=2)
-        inside = ndimage.distance_transform_edt(seen)
+        beyond = self._beyond(observation.borders) if len(observation.borders) else np.zeros(self.shape, bool)
+        inside = ndimage.distance_transform_edt(seen | beyond)
         outside, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
         signed = (outside - inside) * self.pixel
         self.signed = signed
         self.slope = np.stack(np.gradient(ndimage.gaussian_filter(signed, 1.0), self.pixel))
-        self.hidden = np.zeros(self.shape, bool)
+        self.hidden = ndimage.binary_dilation(beyond, iterations=CUT) if beyond.any() else beyond
         if len(others):
             nearest_own = cKDTree(own).query(others)[1]
             before = depth[~on_model & in_front] < depth[on_model & in_front][nearest_own] + BEHIND
-            self.hidden = ndimage.binary_dilation(self._raster(others[before]), iterations=3)
+            self.hidden |= ndimage.binary_dilation(self._raster(others[before]), iterations=3)
         self.nearest = nearest
 
     def residuals(self, parts: NDArray[np.int64], points: Array, spacing: float, reach: float) -> OutlineResiduals:
@@ -147,6 +150,12 @@ class Silhouette:
         local = (points - self.origin) @ self.axes.T
         with np.errstate(divide="ignore", invalid="ignore"):
             return local[:, :2] / local[:, 2:], local[:, 2]
+
+    def _beyond(self, borders: Float) -> Bool:
+        """Return which pixels are out of the picture, by the outward normals (b, 3) of the planes that end it."""
+        cells = np.moveaxis(np.indices(self.shape), 0, -1) + 0.5
+        rays = np.concatenate([self.corner + cells * self.pixel, np.ones((*self.shape, 1))], axis=-1)
+        return np.asarray((rays @ (borders @ self.axes.T).T > 0.0).any(axis=-1))
 
     def _raster(self, image: Array) -> Bool:
         cell = np.floor((image - self.corner) / self.pixel).astype(int)

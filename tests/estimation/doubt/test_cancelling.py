@@ -86,3 +86,12 @@ def test_noise_hides_the_ends_of_thin_sleeves(tmp_path: Path) -> None:
     model = telescope(tmp_path, 0.001)
     estimate = pk.estimate(model, pk.simulate(model, sensor=replace(FULL, points=2000, noise=0.01), seed=1).scan)
     assert estimate.undetermined == ("slide0", "slide1")
+
+
+@pytest.mark.parametrize("slide", [0.0, 0.34])
+def test_a_telescope_at_its_end_has_nothing_to_share_out(tmp_path: Path, slide: float) -> None:
+    model = telescope(tmp_path, 0.006)
+    state = pk.State(np.eye(4), dict.fromkeys(model.joint_names, slide))
+    made = pk.simulate(model, state=state, sensor=TIERS["single"], seed=2)
+    values = pk.estimate(model, made.scan).state.joints
+    assert list(values.values()) == pytest.approx([slide, slide], abs=0.02 * model.diagonal)
