@@ -7,6 +7,7 @@ step of any search leads over the gap between the limits of a joint that turns n
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -89,30 +90,49 @@ def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: Es
     view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
     close = search.of(view)
     for _ in range(TURNS):
-        # What refinement alone would gain is no merit of a repair.
-        settled = ranked(focused, refined_both_ways(focused, answer))
-        tried = refined_both_ways(focused, _otherwise(solver.model, focused, close, answer, options))
+        better = _better_held(solver.model, focused, close, answer, final, options)
+        if better is None:
+            break
+        answer = better
+    return None if answer is final else priced(search, ranked(search, answer))
+
+
+def _better_held(
+    model: ArticulatedModel,
+    focused: TreeSearch,
+    close: TreeSearch,
+    answer: Candidates,
+    final: Candidates,
+    options: EstimatorOptions,
+) -> Candidates | None:
+    """Return an answer (one) to a scene, `focused` on what is near it, with limbs held better, that leaves most of the
+    surface where the `final` one has it; None if none is found."""
+    # What refinement alone would gain is no merit of a repair.
+    settled = ranked(focused, refined_both_ways(focused, answer))
+    for otherwise in _otherwise(model, focused, close, answer, options):
+        tried = refined_both_ways(focused, otherwise)
         several = Candidates.concatenate([settled, _held(focused, tried, final)])
         scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
         best = int(np.argmax(scores))
-        if scores[best] < scores[: len(settled)].max() + GAIN:
-            break
-        answer = several.take([best])
-    return None if answer is final else priced(search, ranked(search, answer))
+        if scores[best] >= scores[: len(settled)].max() + GAIN:
+            return several.take([best])
+    return None
 
 
 def _otherwise(
     model: ArticulatedModel, focused: TreeSearch, close: TreeSearch, answer: Candidates, options: EstimatorOptions
-) -> Candidates:
-    """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
-    it `close` up."""
+) -> Iterator[Candidates]:
+    """Yield what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
+    it `close` up; then what repair with wide beams makes of it, where it lacks much."""
     scored, effort = focused.scored(answer)[0], EFFORTS[options.effort]
-    repairing = replace(options.repair, rounds=min(options.repair.rounds, effort.repairs))
-    found = [repair(focused, scored, repairing, turn=False)]
+    # Nothing but the answer: what else comes up has most of the surface elsewhere.
+    repairing = replace(
+        options.repair, rounds=min(options.repair.rounds, effort.repairs), early_rounds=0, late_solutions=1
+    )
+    repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
+    yield repaired if better is None else Candidates.concatenate([repaired, better])
     if effort.wide_beams and focused.weights[focused.lacks(answer)].sum() > WORTH_WIDE_BEAMS:
-        found.append(repair(focused.widened(), scored, repairing, turn=False))
-    better = mended(model, close, answer)
-    return Candidates.concatenate(found if better is None else [*found, better])
+        yield repair(focused.widened(), scored, repairing, turn=False)
 
 
 def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
