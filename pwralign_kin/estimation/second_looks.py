@@ -163,17 +163,25 @@ def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) ->
 def _sighted(estimator: Estimator, fit: Fit, scan: Scan) -> Answer | None:
     """Return the answer to the scan of a `fit` seen from elsewhere, None if it is not sound.
 
-    Most are not, which one short search tells.
+    One short search tells most of those that are and that are not.
     """
     quick = Estimator(estimator.model, replace(estimator.options, effort="fast"))
     try:
         found = quick.fit(scan, fit.initial, fit.correspondences, fit.watch)
+        sound = _searched_soundness(found)
+        if BLIND <= sound < SIGHTED:
+            found = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
-    if soundness(gathered(found.solver.search, found.finished.take([0]), found.finished)) < BLIND:
+    if sound < BLIND:
         return None
-    other = _again(estimator, fit, scan)
-    return other if other is not None and soundness(other[1].evidence) >= SIGHTED else None
+    other = estimator.finished(found)
+    return (found, other) if soundness(other.evidence) >= SIGHTED else None
+
+
+def _searched_soundness(fit: Fit) -> float:
+    """Return how sound the answer is that a search ended with."""
+    return soundness(gathered(fit.solver.search, fit.finished.take([0]), fit.finished))
 
 
 def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:

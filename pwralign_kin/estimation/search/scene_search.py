@@ -51,8 +51,6 @@ class SceneSearchOptions:
     least_roots: int = 8
     grown: int = 4
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
-    same_root: float = 0.015
-    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     refined: int = 120
     """Configurations that are refined, shared alike."""
     least_refined: int = 4
@@ -134,10 +132,7 @@ class RegionSearch:
         search = self.search
         if source in self.grown:
             earlier, grown = self.grown[source]
-            together = Hypotheses.concatenate([earlier, roots])
-            count = len(together.parts)
-            distinct = search.native.distinct_parts(together.parts, together.placements, count, options.same_root)
-            new = together.take(distinct[distinct >= len(earlier.parts)])
+            new = search.beside(earlier, roots, search.options.same_root)
             grown = Candidates.concatenate([grown, search.grow(new, options.grown)]) if len(new.parts) else grown
             self.grown[source] = Hypotheses.concatenate([earlier, new]), grown
         else:
