@@ -153,11 +153,11 @@ class SceneAnswerSearch(AnswerSearch):
             focused = self._focused(leader)
             if focused is None or is_at(focused.searched, known.points):
                 continue
-            there = next((look for look in looks if is_at(focused.searched, look.focused.searched)), None)
-            if there is not None:
-                looks.remove(there)
-            look = self._look(seed, leader, focused) if there is None else self._with_leader(there, leader)
-            looks.append(look)
+            there = next((i for i, look in enumerate(looks) if is_at(focused.searched, look.focused.searched)), None)
+            if there is None:
+                looks.append(look := self._look(seed, leader, focused))
+            else:
+                looks[there] = look = self._with_leader(looks[there], leader)
             known.looked.append(look.best)
             if is_convincing(search, look.best, options):
                 break
