@@ -303,14 +303,7 @@ class AnswerSearch:
         return repair(search.widened(), solutions, few, turn=False)
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
-        """Read the surface of the best solution otherwise until it is sound, and repair what comes out.
-
-        Another reading has nearly the same surface: where that leaves something unexplained, it is not what is wrong;
-        but what is cut out of a scene holds other things.
-        """
-        missing = search.unexplained(solutions.take([0])) > self.repairing.unexplained
-        if missing and not search.observation.cut_out:
-            return solutions
+        """Read the surface of the best solution otherwise until it is sound, and repair what comes out."""
         for _ in range(REREADINGS):
             if self._soundness(search, solutions) >= SOUND:
                 break

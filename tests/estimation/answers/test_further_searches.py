@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -94,27 +93,6 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
     found = answers._once_more(1, search, before)
     assert read.called == wrong
     assert np.array_equal(found.bases[0], before.bases[0]) != wrong
-
-
-@pytest.mark.parametrize(("unexplained", "cut_out", "read"), [(0.0, False, 1), (0.1, False, 0), (0.1, True, 1)])
-def test_surface_is_read_otherwise_where_nothing_is_missing(
-    unexplained: float,
-    cut_out: bool,
-    read: int,
-    search: TreeSearch,
-    arm: pk.ArticulatedModel,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Parts that are elsewhere were read otherwise again and again, a third of the time of a humanoid."""
-    answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    found = answers._once(0).best_first()
-    asked = []
-    monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: 0.5)
-    monkeypatch.setattr(AnswerSearch, "_read_otherwise", lambda *_: asked.append(1))
-    monkeypatch.setattr(TreeSearch, "unexplained", lambda *_: unexplained)
-    monkeypatch.setattr(search, "observation", replace(search.observation, cut_out=cut_out))
-    answers._reinterpreted(search, found)
-    assert len(asked) == read
 
 
 def test_hypotheses_that_place_a_part_where_others_do_are_not_grown_again(search: TreeSearch) -> None:
