@@ -13,6 +13,7 @@ from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
+from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import BasePrior
@@ -149,8 +150,8 @@ def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -
     observation = fit.solver.search.observation
     if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
         return fit, estimate
-    other = _again(estimator, fit, fit.scan.without_sensor_origin())
-    if other is None or soundness(other[1].evidence) < SIGHTED:
+    other = _sighted(estimator, fit, fit.scan.without_sensor_origin())
+    if other is None:
         return fit, estimate
     logger.warning(
         "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
@@ -171,11 +172,35 @@ def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) ->
         return fit, estimate
     if not observation.scene and is_of_all_sides(scan, diagonal, observation.noise, estimator.threads):
         return fit, estimate
-    other = _again(estimator, fit, scan)
-    if other is None or soundness(other[1].evidence) < SIGHTED or other[1].confidence < estimate.confidence:
+    other = _sighted(estimator, fit, scan)
+    if other is None or other[1].confidence < estimate.confidence:
         return fit, estimate
     logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
     return _within_picture(estimator, *other)
+
+
+def _sighted(estimator: Estimator, fit: Fit, scan: Scan) -> Answer | None:
+    """Return the answer to the scan of a `fit` seen from elsewhere, None if it is not sound.
+
+    One short search tells most of those that are and that are not.
+    """
+    quick = Estimator(estimator.model, replace(estimator.options, effort="fast"))
+    try:
+        found = quick.fit(scan, fit.initial, fit.correspondences, fit.watch)
+        sound = _searched_soundness(found)
+        if BLIND <= sound < SIGHTED:
+            found = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch)
+    except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
+        return None
+    if sound < BLIND:
+        return None
+    other = estimator.finished(found)
+    return (found, other) if soundness(other.evidence) >= SIGHTED else None
+
+
+def _searched_soundness(fit: Fit) -> float:
+    """Return how sound the answer is that a search ended with."""
+    return soundness(gathered(fit.solver.search, fit.finished.take([0]), fit.finished))
 
 
 def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:

@@ -79,6 +79,29 @@ def test_points_are_turned_where_the_answer_gets_better_by_it(
     assert found is {None: None, "anew": anew, "from answer": from_answer}[kept]
 
 
+@pytest.mark.parametrize(("sound", "efforts"), [(0.05, ["fast"]), (0.3, ["fast", "default"]), (0.6, ["fast"])])
+def test_a_short_search_from_elsewhere_tells_whether_a_longer_one_is_worth_it(
+    sound: float,
+    efforts: list[str],
+    arm: pk.ArticulatedModel,
+    single_scan: SimulatedScan,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    searched = []
+
+    def fit(own: Estimator, *_: Any) -> Any:
+        searched.append(own.options.effort)
+        return _found(1.0)
+
+    monkeypatch.setattr(Estimator, "fit", fit)
+    monkeypatch.setattr(Estimator, "finished", lambda own, fit: _answer(single_scan.scan, sound, 0.5))
+    monkeypatch.setattr(second_looks, "gathered", lambda *_: None)
+    monkeypatch.setattr(second_looks, "soundness", lambda _: sound)
+    found = second_looks._sighted(Estimator(arm, pk.EstimatorOptions()), _found(1.0), single_scan.scan)
+    assert searched == efforts
+    assert (found is not None) == (sound > 0.5)
+
+
 def test_the_mirror_image_is_of_the_scan_as_it_was_taken_to_be(
     arm: pk.ArticulatedModel, single_scan: SimulatedScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

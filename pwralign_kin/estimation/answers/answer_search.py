@@ -223,8 +223,8 @@ class AnswerSearch:
             return self._narrowly_repaired(self.search, found, turn=True)
 
     def _once_more(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
-        """Search a scan of the model by other samples, and its pieces too; return what was found `before` where all of
-        the scan leads to the same answer again."""
+        """Search a scan of the model by other samples, and its pieces too, until they lead to the best answer found
+        `before` again; return what was found before where all of the scan does without repair."""
         several, hypotheses = [before], self._hypotheses(seed, search)
         if len(hypotheses.parts) > 0:
             several = [self._grown(search, hypotheses)]
@@ -232,12 +232,16 @@ class AnswerSearch:
                 return before
         if "pairs" in self.options.sources:
             with self.watch.stage("hypotheses"):
-                in_pieces = search.piecewise_hypotheses(seed)
+                in_pieces = search.beside(hypotheses, search.piecewise_hypotheses(seed), search.options.same_root)
             with self.watch.stage("growth"):
                 several += [search.grow(in_pieces, search.options.beam)] if len(in_pieces.parts) > 0 else []
         found = self._refined(search, Candidates.concatenate(several), times=2)
+        known = search.scored(before.take([0]))[0]
         with self.watch.stage("repair"):
-            return self._narrowly_repaired(search, found, turn=True)
+            repaired = repair(search, found, self.repairing, turn=True, enough=partial(self._is_known, search, known))
+            if self._is_known(search, known, repaired.take([0])):
+                return self._distinct([search.scored(before)[0], repaired])
+            return self._reinterpreted(search, repaired)
 
     def _is_confirmed(self, search: TreeSearch, before: Candidates, grown: Candidates) -> bool:
         """Return whether what has `grown` from other samples of the scan comes to the best answer of a search `before`
@@ -245,9 +249,11 @@ class AnswerSearch:
         # Through holes a view seems to look past the model: all of it may lead to one wrong answer again.
         if search.observation.single_view:
             return False
-        found = self._refined(search, grown).best_first()
-        both = Candidates.concatenate([before.take([0]), found.take([0])])
-        return len(search.distinct(both, 2, search.options.distinct)) == 1
+        return _is_one(search, before.take([0]), self._refined(search, grown).best_first().take([0]))
+
+    def _is_known(self, search: TreeSearch, known: Candidates, found: Candidates) -> bool:
+        """Return whether an answer that was `found` is `known`, and no better than it was."""
+        return found.scores[0] <= known.scores[0] + self.repairing.gain and _is_one(search, known, found)
 
     def _found(self, seed: int, search: TreeSearch, start: Candidates) -> Candidates:
         """Return what grows from hypotheses, and a configuration to `start` from, refined."""
@@ -358,3 +364,8 @@ class AnswerSearch:
             "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
             "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
         )
+
+
+def _is_one(search: TreeSearch, one: Candidates, other: Candidates) -> bool:
+    """Return whether two configurations (one each) are the same answer."""
+    return len(search.distinct(Candidates.concatenate([one, other]), 2, search.options.distinct)) == 1

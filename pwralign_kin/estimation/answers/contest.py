@@ -68,16 +68,30 @@ def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: Es
     view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
     close = search.of(view)
     for _ in range(TURNS):
-        # What refinement alone would gain is no merit of a repair.
-        settled = ranked(focused, refined_both_ways(focused, answer))
-        tried = refined_both_ways(focused, _otherwise(solver.model, focused, close, answer, options))
-        several = Candidates.concatenate([settled, _held(focused, tried, final)])
-        scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
-        best = int(np.argmax(scores))
-        if scores[best] < scores[: len(settled)].max() + GAIN:
+        better = _better_held(solver.model, focused, close, answer, final, options)
+        if better is None:
             break
-        answer = several.take([best])
+        answer = better
     return None if answer is final else priced(search, ranked(search, answer))
+
+
+def _better_held(
+    model: ArticulatedModel,
+    focused: TreeSearch,
+    close: TreeSearch,
+    answer: Candidates,
+    final: Candidates,
+    options: EstimatorOptions,
+) -> Candidates | None:
+    """Return an answer (one) to a scene, `focused` on what is near it, with limbs held better, that leaves most of the
+    surface where the `final` one has it; None if none is found."""
+    # What refinement alone would gain is no merit of a repair.
+    settled = ranked(focused, refined_both_ways(focused, answer))
+    tried = refined_both_ways(focused, _otherwise(model, focused, close, answer, options))
+    several = Candidates.concatenate([settled, _held(focused, tried, final)])
+    scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+    best = int(np.argmax(scores))
+    return several.take([best]) if scores[best] >= scores[: len(settled)].max() + GAIN else None
 
 
 def _otherwise(
@@ -85,8 +99,9 @@ def _otherwise(
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
     it `close` up."""
-    scored, effort = focused.scored(answer)[0], EFFORTS[options.effort]
-    repairing = replace(options.repair, rounds=min(options.repair.rounds, effort.repairs))
+    scored, rounds = focused.scored(answer)[0], min(options.repair.rounds, EFFORTS[options.effort].repairs)
+    # Nothing but the answer: what else comes up has most of the surface elsewhere.
+    repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
     repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
     return repaired if better is None else Candidates.concatenate([repaired, better])
 

@@ -61,6 +61,8 @@ class SearchOptions:
     anchors_per_piece: int = 50
     roots_per_piece: int = 40
     """... and how many of these are grown, of each piece."""
+    same_root: float = 0.015
+    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     more_root_parts: int = 4
     more_hypotheses: int = 3
     more_roots: int = 30
@@ -322,6 +324,13 @@ class TreeSearch:
         rank = -hypotheses.scores * self.weights[hypotheses.parts] ** 0.3
         count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
+
+    def beside(self, earlier: Hypotheses, hypotheses: Hypotheses, distance: float) -> Hypotheses:
+        """Return those hypotheses that place their part farther than `distance`, on average over its surface, from
+        where `earlier` ones and each other place it."""
+        together = Hypotheses.concatenate([earlier, hypotheses])
+        distinct = self.native.distinct_parts(together.parts, together.placements, len(together.parts), distance)
+        return together.take(distinct[distinct >= len(earlier.parts)])
 
     @property
     def many(self) -> bool:

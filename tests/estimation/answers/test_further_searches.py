@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,30 @@ def test_what_is_hardly_sound_and_leaves_much_unexplained_is_searched_on(
     monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: soundness)
     monkeypatch.setattr(TreeSearch, "unexplained", lambda *_: unexplained)
     assert answers._is_settled(found, [found]) == settled
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
+    arm: pk.ArticulatedModel,
+    single_scan: SimulatedScan,
+    units: np.ndarray,
+    wrong: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
+    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    before = answers._once(0)
+    if wrong:
+        before.bases[:, :3, 3] += 0.2
+    read = mock.Mock(side_effect=lambda search, solutions: solutions)
+    monkeypatch.setattr(answers, "_reinterpreted", read)
+    found = answers._once_more(1, search, before)
+    assert read.called == wrong
+    assert np.array_equal(found.bases[0], before.bases[0]) != wrong
+
+
+def test_hypotheses_that_place_a_part_where_others_do_are_not_grown_again(search: TreeSearch) -> None:
+    found = search.pair_hypotheses(0)
+    assert len(search.beside(found, found, search.options.same_root).parts) == 0
+    assert 0 < len(search.beside(found.take(slice(0, 0)), found, 1e-6).parts) <= len(found.parts)
