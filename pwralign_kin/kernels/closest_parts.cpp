@@ -54,7 +54,7 @@ class Offer {
     }
 
     // Look at the points from `block` on, `lane_count` of them.
-    __attribute__((always_inline)) void look(int64_t block, const float *best) {
+    void look(int64_t block, const float *best) {
         const VecLanes local = apply_inverse(T, points.at(block));
         const FloatLanes limit = load_lanes(best + block);
         const IntLanes near = first_lanes(int(points.size - block)) & (squared_from_box(s, local) < limit * limit);
