@@ -59,12 +59,9 @@ class Offer {
         const FloatLanes limit = load_lanes(best + block);
         const IntLanes near = first_lanes(int(points.size - block)) & (squared_from_box(s, local) < limit * limit);
         if (!any_lane(near)) return;
-        const IntLanes cells = s.cells_at(local);
-        for_lanes(near & (cells >= 0), [&](int j) {
-            __builtin_prefetch(&s.grid[cells[j]]);
-            close.point[found] = int(block) + j, close.at[found] = cells[j];
-            close.local.set(found++, {local.x[j], local.y[j], local.z[j]});
-        });
+        const IntLanes cells = s.cells_at(local), kept = near & (cells >= 0);
+        for_lanes(kept, [&](int j) { __builtin_prefetch(&s.grid[cells[j]]); });
+        add(found, Packing(kept), IntLanes{0, 1, 2, 3, 4, 5, 6, 7} + int(block), cells, local);
     }
 
     void settle(int part, float *best, int *owner, int *sample) {
@@ -88,6 +85,11 @@ class Offer {
     }
 
   private:
+    void add(int &count, const Packing &packed, IntLanes point, IntLanes at, const VecLanes &local) {
+        close.set(count, packed(point), packed(at), {packed(local.x), packed(local.y), packed(local.z)});
+        count += packed.count;
+    }
+
     const Surface &s;
     const RigidF &T;
     const SplitPoints &points;

@@ -13,6 +13,11 @@ struct CloseSamples {
         if (int64_t(at.size()) >= points + lane_count) return;
         point.resize(points + lane_count), at.resize(points + lane_count), local.make_room(points + lane_count);
     }
+    // Write a few of them from `place` on.
+    void set(int place, IntLanes points, IntLanes cells, const VecLanes &positions) {
+        store_lanes(points, &point[place]), store_lanes(cells, &at[place]);
+        local.set(place, positions);
+    }
 };
 
 // Points with a ball around every `lane_count` of them, which tells at once that a part is far from all of these.

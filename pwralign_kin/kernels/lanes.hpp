@@ -35,18 +35,65 @@ inline bool any_lane(IntLanes condition) {
     std::memcpy(words, &condition, sizeof(words));
     return words[0] | words[1] | words[2] | words[3];
 }
-// Call f(lane) for every lane in which the condition holds.
-template <typename F> void for_lanes(IntLanes condition, F &&f) {
+// The lanes in which a condition holds, a bit each.
+inline unsigned bits_of_lanes(IntLanes condition) {
 #ifdef __AVX__
     FloatLanes signs;
     std::memcpy(&signs, &condition, sizeof(signs));
-    unsigned bits = unsigned(__builtin_ia32_movmskps256(signs));
+    return unsigned(__builtin_ia32_movmskps256(signs));
 #else
     unsigned bits = 0;
     for (int j = 0; j < lane_count; ++j) bits |= unsigned(condition[j] & 1) << j;
+    return bits;
 #endif
-    for (; bits; bits &= bits - 1) f(__builtin_ctz(bits));
 }
+// Call f(lane) for every lane in which the condition holds.
+template <typename F> void for_lanes(IntLanes condition, F &&f) {
+    for (unsigned bits = bits_of_lanes(condition); bits; bits &= bits - 1) f(__builtin_ctz(bits));
+}
+// For each of the conditions that eight lanes may hold, the lanes in which they hold, in their order.
+struct PackedOrders {
+    uint8_t lanes[256][lane_count] = {};
+    constexpr PackedOrders() {
+        for (int bits = 0; bits < 256; ++bits)
+            for (int j = 0, next = 0; j < lane_count; ++j)
+                if (bits >> j & 1) lanes[bits][next++] = uint8_t(j);
+    }
+};
+inline constexpr PackedOrders packed_orders;
+
+// Brings the lanes in which a condition holds to the front, in their order; what follows them is anything.
+class Packing {
+  public:
+    explicit Packing(IntLanes condition) {
+        const unsigned bits = bits_of_lanes(condition);
+        count = __builtin_popcount(bits);
+        uint8_t lanes __attribute__((vector_size(lane_count)));
+        std::memcpy(&lanes, packed_orders.lanes[bits], sizeof(lanes));
+        order = __builtin_convertvector(lanes, IntLanes);
+    }
+    FloatLanes operator()(FloatLanes a) const {
+#ifdef __AVX2__
+        return __builtin_ia32_permvarsf256(a, order);
+#else
+        FloatLanes out{};
+        for (int j = 0; j < count; ++j) out[j] = a[order[j]];
+        return out;
+#endif
+    }
+    IntLanes operator()(IntLanes a) const {
+        FloatLanes bits;
+        std::memcpy(&bits, &a, sizeof(a));
+        bits = (*this)(bits);
+        std::memcpy(&a, &bits, sizeof(a));
+        return a;
+    }
+
+    int count;
+
+  private:
+    IntLanes order;
+};
 inline FloatLanes sqrt_lanes(FloatLanes a) {
 #ifdef __AVX__
     return __builtin_ia32_sqrtps256(a);
@@ -147,6 +194,7 @@ struct SplitPoints {
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
     // For positions that are not counted, in room made for them.
     void set(int64_t i, Vec p) { x[i] = p.x, y[i] = p.y, z[i] = p.z; }
+    void set(int64_t i, const VecLanes &p) { store_lanes(p.x, &x[i]), store_lanes(p.y, &y[i]), store_lanes(p.z, &z[i]); }
     void make_room(int64_t more) {
         if (size + more + lane_count <= int64_t(x.size())) return;
         const size_t most = 2 * size + more + 4 * lane_count;

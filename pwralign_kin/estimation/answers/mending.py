@@ -58,7 +58,8 @@ def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> C
         start = ranked(search, answer if found is not None else refined_both_ways(search, answer)).take([0])
         tried = [start, *(refined_both_ways(search, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
         several = Candidates.concatenate(tried)
-        scores, likelihoods = ranks(search, several), finest(search, several) * len(search.observation.given)
+        each = finest(search, several)
+        scores, likelihoods = ranks(search, several, each), each * len(search.observation.given)
         needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
         likely = np.flatnonzero(likelihoods >= likelihoods[0] + needed)
         best = likely[np.argmax(scores[likely])]

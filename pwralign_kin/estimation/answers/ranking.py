@@ -34,10 +34,12 @@ def better_ranked(search: TreeSearch, before: Candidates, refined: Candidates) -
     )
 
 
-def ranks(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:
-    """Return the scores that `ranked` ranks by."""
+def ranks(
+    search: TreeSearch, candidates: Candidates, likelihoods: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Return the scores that `ranked` ranks by; their `finest` may be known."""
     both_ways = search.scored_both_ways(candidates, _tight(search, candidates))[0]
-    return np.asarray(both_ways + finest(search, candidates), np.float32)
+    return np.asarray(both_ways + (finest(search, candidates) if likelihoods is None else likelihoods), np.float32)
 
 
 def total_coverage(search: TreeSearch, candidates: Candidates) -> NDArray[np.float32]:

@@ -26,7 +26,12 @@ UNMOVED = 1e-9
 APART = 2.5
 """Values farther apart than this many probe motions are different answers."""
 MOST_POINTS = 1500
-"""Points of either side that are looked at."""
+"""Points of either side that are looked at, ..."""
+LOOKS, NEIGHBOURS = (1, 3, 12), 8
+"""... some at first and the others only of values that those do not speak against by `NO_RIVAL`: so many sixteenths of
+the groups of so many points that lie next to each other."""
+NO_RIVAL = 6.0
+"""Log-likelihood by which the best value of a weakly determined joint must be better than all others."""
 RIVALS = 2
 """Other answers that are worth a closer look, at most."""
 
@@ -46,7 +51,8 @@ class Profile:
     margin: float
     """Log-likelihood of the best value over the best of those that are another answer; infinite without any."""
     spread: float
-    """Log-likelihood of the best value over the worst."""
+    """Log-likelihood of the best value over the worst. Like the others it is of few points where it is more than
+    `NO_RIVAL`."""
 
 
 def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, errors: Errors, weak: bool) -> Profile:
@@ -72,11 +78,10 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     sides = [(bases, placed, hangs), (back @ bases, back[:, None] @ placed, ~hangs)]
     if owned[hangs].sum() > 0.5 * owned.sum():
         sides.reverse()
-    bases, cost = sides[0][0], _cost(solver, T, owner, *sides[0][1:], errors)
-    cost -= cost[steps == 0]
+    now = int(np.flatnonzero(steps == 0)[0])
+    bases, cost = sides[0][0], _cost(solver, T, owner, *sides[0][1:], now, errors)
     if weak:
-        other = _cost(solver, T, owner, *sides[1][1:], errors)
-        other -= other[steps == 0]
+        other = _cost(solver, T, owner, *sides[1][1:], now, errors)
         bases, cost = np.where((other < cost)[:, None, None], sides[1][0], bases), np.minimum(cost, other)
     count = len(cost) if solver.model.continuous[joint] else None
     modes = _modes(cost, steps, count)
@@ -92,9 +97,10 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
 
 
 def _cost(
-    solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: NDArray[np.bool_], errors: Errors
+    solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: NDArray[np.bool_], now: int, errors: Errors
 ) -> Array:
-    """Return the negative log-likelihood (m,) of the points on the parts that move, when all are `placed`.
+    """Return the negative log-likelihood (m,) of the points on the parts that move, when all are `placed`, over that of
+    the value that the joint has `now`; of few points where these speak against a value by more than `NO_RIVAL`.
 
     They move from `T` (parts, 4, 4) to each of (m, parts, 4, 4); `owner` (n,) is the part that each point lies on.
     """
@@ -104,12 +110,20 @@ def _cost(
     variance = errors.noise**2 + errors.systematic**2
     # Points farther off count all the same.
     reach = min(BAND, MOST_STD * float(np.sqrt(variance)))
-    # What the other side explains it explains whatever the value is.
-    otherwise = search.distances(points, T[None], search.exists & ~moves, reach, loosely=True)
-    left = search.distances(points, placed, search.exists & moves, reach, loosely=True)
-    np.square(np.minimum(left, otherwise, out=left), out=left)
-    each = len(on_side) / max(len(points), 1) / (2.0 * POINTS_AS_ONE)
-    return np.asarray(left.sum(axis=1) * (each / variance), float)
+    each = len(on_side) / max(len(points), 1) / (2.0 * POINTS_AS_ONE * variance)
+    turn = np.arange(len(points)) // NEIGHBOURS % sum(LOOKS)
+    cost, last = np.zeros(len(placed)), 0
+    for share in LOOKS:
+        some = np.ascontiguousarray(points[(turn >= last) & (turn < last + share)])
+        last += share
+        likely = np.flatnonzero(cost <= NO_RIVAL)
+        # What the other side explains it explains whatever the value is.
+        otherwise = search.distances(some, T[None], search.exists & ~moves, reach, loosely=True)
+        left = search.distances(some, placed[likely], search.exists & moves, reach, loosely=True)
+        np.square(np.minimum(left, otherwise, out=left), out=left)
+        sums = left.sum(axis=1)
+        cost[likely] += each * (sums - sums[likely == now])
+    return cost
 
 
 def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:

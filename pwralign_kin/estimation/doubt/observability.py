@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.estimation.answers.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
-from pwralign_kin.estimation.doubt.joint_profile import profiled
+from pwralign_kin.estimation.doubt.joint_profile import NO_RIVAL, profiled
 from pwralign_kin.estimation.doubt.uncertainty import (
     LEAST_POINTS,
     PLAIN_DISPLACEMENT,
@@ -43,10 +43,8 @@ NO_SUPPORT = 0.15
 """... and support that it may cost any one part: that of a small part is little of the score, ..."""
 NO_LIKELIHOOD = 5.0
 """... and logarithm of the likelihood of all scan points."""
-NO_RIVAL = 6.0
-"""Log-likelihood by which the best value of a weakly determined joint must be better than all others, ..."""
 BETTER = 3.0
-"""... and by which another value must be better than the one found, by the likelihood of all points."""
+"""Log-likelihood by which another value must be better than the one found, by the likelihood of all points."""
 CHOICES = 2
 """The likeliest other values, by samples of the surface, among which its triangles choose."""
 LOOSE = 1.0 / 3.0

@@ -11,7 +11,9 @@ import trimesh
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import wrapped
+from pwralign_kin.estimation.doubt import joint_profile
 from pwralign_kin.estimation.doubt.observability import doubted
+from pwralign_kin.estimation.doubt.uncertainty import Errors
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.se3 import inverse
@@ -129,3 +131,19 @@ def test_a_large_drum_of_many_sides_tells_nothing(tmp_path: Path, radius: float,
     turn the stand was turned instead, for the wider drum has more points."""
     model = mixer(tmp_path, radius, sides)
     assert pk.estimate(model, pk.simulate(model, seed=0).scan).undetermined == ("spin",)
+
+
+def test_values_that_few_points_speak_against_stay_out_of_the_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = turret(tmp_path, BUMP)
+    fit = Estimator(model, pk.EstimatorOptions()).fit(pk.simulate(model, seed=0).scan, None, None)
+    found = solved(fit.solver, fit.finished.bases[0], fit.finished.values[0])
+    errors = Errors(noise=0.002, systematic=0.0)
+    few = joint_profile.profiled(fit.solver, found.base, found.values, 0, errors, weak=True)
+    monkeypatch.setattr(joint_profile, "LOOKS", (16,))
+    every = joint_profile.profiled(fit.solver, found.base, found.values, 0, errors, weak=True)
+    assert few.values[0] == every.values[0]
+    assert few.gain == pytest.approx(every.gain, abs=1e-3)
+    assert (few.margin > joint_profile.NO_RIVAL) == (every.margin > joint_profile.NO_RIVAL)
+    assert (few.behind[1:] < joint_profile.NO_RIVAL).sum() == (every.behind[1:] < joint_profile.NO_RIVAL).sum()
