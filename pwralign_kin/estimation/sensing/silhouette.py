@@ -8,6 +8,7 @@ distance to the scan's outline, which joins the normal equations of their parts 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ CUT = 3
 """Pixels from the border of the picture within which an outline may be its own."""
 RIM = 1.5
 """Samples this near to the edge of the model's image (pixels) are on its outline."""
+RIM_HELD = 0.5
+"""Pixels that samples move by before those on the outline are chosen anew."""
 LEAST_SLOPE = 0.3
 """The scan's outline has a direction where its signed distance rises by this much a unit; not on medial axes."""
 OUTLINE_GAIN = 2.0
@@ -107,6 +110,7 @@ class Silhouette:
             before = depth[~on_model & in_front] < depth[on_model & in_front][nearest_own] + BEHIND
             self.hidden |= ndimage.binary_dilation(self._raster(others[before]), iterations=3)
         self.nearest = nearest
+        self._rim: tuple[Array, NDArray[np.int64]] | None = None
 
     def residuals(self, parts: NDArray[np.int64], points: Array, spacing: float, reach: float) -> OutlineResiduals:
         """Return the residuals of those of the model's samples (n, 3), of `parts` (n,), that are on its outline.
@@ -115,18 +119,18 @@ class Silhouette:
 
         Those farther than `reach` from the scan's outline have no counterpart there.
         """
+        from scipy import ndimage
+
         image, depth = self._projected(points)
-        cell = np.floor((image - self.corner) / self.pixel).astype(int)
-        within = ((cell >= 0) & (cell < self.shape)).all(axis=1) & (depth > 0)
-        if not within.any():
-            return OutlineResiduals(parts[:0], points[:0], points[:0], points[:0, 0], self.pixel)
-        parts, points, depth, cell = parts[within], points[within], depth[within], cell[within]
-        rim = self._on_rim(cell, max(2.0, spacing / float(np.median(depth)) / self.pixel))
-        parts, points, depth, cell = parts[rim], points[rim], depth[rim], cell[rim]
-        row, column = cell.T
-        slope = self.slope[:, row, column].T
+        rim = self._rim_of(image, depth, spacing)
+        parts, points, depth = parts[rim], points[rim], depth[rim]
+        place = (image[rim] - self.corner) / self.pixel
+        # Between pixels: residuals that jump from one to the next would never let the steps come to an end.
+        read = partial(ndimage.map_coordinates, coordinates=place.T - 0.5, order=1, mode="nearest")
+        slope = np.stack([read(rise) for rise in self.slope], axis=1)
         steepness = np.linalg.norm(slope, axis=1)
-        residual = self.signed[row, column] * depth
+        residual = read(self.signed) * depth
+        row, column = np.clip(np.floor(place).astype(int), 0, np.array(self.shape) - 1).T
         hidden = self.hidden[self.nearest[0][row, column], self.nearest[1][row, column]]
         kept = (steepness > LEAST_SLOPE) & (np.abs(residual) < reach) & ~hidden
         parts, points, residual = parts[kept], points[kept], residual[kept]
@@ -135,8 +139,25 @@ class Silhouette:
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         direction -= np.einsum("ij,ij->i", direction, ray)[:, None] * ray
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        pixel = self.pixel * float(np.median(depth))
+        pixel = self.pixel * float(np.median(depth)) if len(depth) else self.pixel
         return OutlineResiduals(parts, points, direction, residual, pixel)
+
+    def _rim_of(self, image: Array, depth: Array, spacing: float) -> NDArray[np.int64]:
+        """Return which samples at `image` (n, 2) and `depth` (n,) are on the model's outline.
+
+        They are the same until a sample has moved by `RIM_HELD`: chosen anew at every step, they would keep the steps
+        from coming to an end too.
+        """
+        if self._rim is not None and np.abs(image - self._rim[0]).max() < RIM_HELD * self.pixel:
+            return self._rim[1]
+        cell = np.floor((image - self.corner) / self.pixel).astype(int)
+        within = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1) & (depth > 0))
+        rim = within
+        if len(within):
+            gap = max(2.0, spacing / float(np.median(depth[within])) / self.pixel)
+            rim = within[self._on_rim(cell[within], gap)]
+        self._rim = image, rim
+        return rim
 
     def _on_rim(self, cell: NDArray[np.int64], gap: float) -> Bool:
         """Return which samples are at the edge of the image that all of them make, their gaps (pixels) closed."""
