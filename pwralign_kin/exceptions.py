@@ -95,7 +95,7 @@ class UnknownNameError(PwralignError):
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.name = name
         self.valid = tuple(valid)
-        close = get_close_matches(name, self.valid, n=1, cutoff=0.65)
+        close = get_close_matches(str(name), self.valid, n=1, cutoff=0.65)
         hint = f"did you mean {close[0]!r}?" if close else "valid: " + ", ".join(self.valid)
         super().__init__(f"no {kind} named {name!r}; {hint}")
 

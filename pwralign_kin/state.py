@@ -35,10 +35,14 @@ class JointValues(dict[str, float]):
     """Values by joint name that never change; everything that would change them raises `TypeError`."""
 
     def _refused(self, *_: Any, **__: Any) -> Any:
-        raise TypeError("the joint values of a state never change: make another State")
+        raise TypeError("joint values never change: make another State, or other options")
 
     __setitem__ = __delitem__ = __ior__ = _refused
     clear = pop = popitem = setdefault = update = _refused
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        """Equal values have equal hashes."""
+        return hash(frozenset(self.items()))
 
     def __reduce__(self) -> tuple[type[JointValues], tuple[dict[str, float]]]:
         """Pickle and copy as made anew: the usual way would fill an empty one."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
+from pwralign_kin.checked_options import SEED_LIMIT
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.exceptions import ExportError
 
@@ -25,7 +26,11 @@ OUTPUT, GUESS, SCAN, MODEL, SEARCH = (
 
 Seed = Annotated[
     int,
-    Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32), group=SEARCH),
+    Parameter(
+        help="The same seed gives the same result; a whole number below 2**32.",
+        validator=Number(gte=0, lt=SEED_LIMIT),
+        group=SEARCH,
+    ),
 ]
 
 EffortChoice = Annotated[

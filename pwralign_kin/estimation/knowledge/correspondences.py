@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Positive
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
@@ -80,14 +81,14 @@ class Correspondences:
 
 
 @dataclass(frozen=True)
-class FpfhMatcher:
+class FpfhMatcher(CheckedOptions):
     """Fast point feature histograms (Rusu et al., ICRA 2009) of every part on its own, matched to the scan's."""
 
-    radius: float = 0.08
+    radius: Positive = 0.08
     """Feature neighbourhood, model diagonals."""
-    samples: int = 400
+    samples: Count = 400
     """Model points per part."""
-    matches: int = 3
+    matches: Count = 3
     """Scan points offered to each model point."""
 
     def match(self, model: ArticulatedModel, observation: Observation, parts: Sequence[int]) -> Correspondences:
