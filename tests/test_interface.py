@@ -197,6 +197,15 @@ def test_copies_of_results_and_models(
     with pytest.raises(TypeError):
         state.joints["lid_hinge"] = 0.0
     other = copied(model)
-    assert other.content_key == model.content_key and not other.lower.flags.writeable
+    assert other.content_key == model.content_key
+    scan = copied(seen.scan)
+    unchanging = (scan.points, scan.source_index, copied(found).covariance, found.covariance, found.scan_labels)
+    for array in (*unchanging, other.lower, other.continuous, model.continuous, found.parts["lid"].T_scan_part):
+        assert not array.flags.writeable
+    for mapping in (model.units, other.units, found.units, found.std, copied(found).parts, scan.dropped):
+        with pytest.raises(TypeError, match="never change"):
+            mapping["lid_hinge"] = 0.0  # type: ignore[index]
+    with pytest.raises(AttributeError, match="a scan never changes"):
+        scan.points = np.zeros((3, 3))
     options = pk.EstimatorOptions(effort="fast")
     assert pk.estimate(other, seen.scan, initial=seen.state, options=options).state == found.state

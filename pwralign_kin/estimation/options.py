@@ -19,7 +19,8 @@ from pwralign_kin.estimation.search.tree_search import SearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions
 from pwralign_kin.exceptions import OptionError, UnknownNameError
-from pwralign_kin.state import JointValues, checked_joints
+from pwralign_kin.read_only import ReadOnlyDict
+from pwralign_kin.state import checked_joints
 
 EffortName = Literal["fast", "default", "thorough"]
 
@@ -79,7 +80,7 @@ class EstimatorOptions(CheckedOptions):
             if source not in SOURCES:
                 raise UnknownNameError("source", source, SOURCES)
         for name in ("prior", "prior_std"):
-            object.__setattr__(self, name, JointValues(checked_joints(getattr(self, name), name)))
+            object.__setattr__(self, name, ReadOnlyDict(checked_joints(getattr(self, name), name)))
         for name in self.prior_std:
             if name not in self.prior:
                 valid = f"about joints of the prior: give the value of {name!r} too, prior={{{name!r}: ...}}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from pwralign_kin.checked_options import Cell, CheckedOptions, Count, Positive, Range
+from pwralign_kin.checked_options import CheckedOptions, Count, Positive, Range
 from pwralign_kin.estimation import EstimatorOptions
 
 
@@ -15,7 +15,7 @@ class TrackerOptions(CheckedOptions):
 
     points: Annotated[int, Range(100, 10**6)] = 2000
     """Points of a frame that are used, at most."""
-    cell: Cell = 0.012
+    cell: Annotated[float, Range(1e-5, 1)] = 0.012
     """One point is used for each cell of this size."""
     margin: Positive = 0.12
     """What is farther from where the model is expected is not looked at."""

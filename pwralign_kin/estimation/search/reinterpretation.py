@@ -30,7 +30,7 @@ PROBES = 8
 class ReinterpretationOptions(CheckedOptions):
     """How many readings of a surface are looked at. Lengths in model diagonals."""
 
-    ways: Natural = 64
+    ways: Count = 64
     """Placements that a part is tried in: its own ways round first, then those in the places of parts like it."""
     turned: Natural = 64
     """Readings, each for another turn of one part, the nearest to the old surface first."""

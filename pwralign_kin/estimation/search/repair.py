@@ -53,7 +53,7 @@ class RepairOptions(CheckedOptions):
     right."""
     held_limbs: Natural = 16
     """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
-    turned_parts: Natural = 3
+    turned_parts: Count = 3
     """Largest parts that are turned by half a revolution and, where they are thin, slid across by their thickness."""
     unexplained: Share = 0.006
     """Share of scan points far from the model below which nothing is missing, and only the best solution is

@@ -30,6 +30,7 @@ from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, join
 from pwralign_kin.estimation.stages import Fit
 from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
@@ -49,7 +50,7 @@ WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 
 
 @dataclass(frozen=True, eq=False)
-class SharedBaseEstimate:
+class SharedBaseEstimate(ReadOnly):
     """What `estimate` of several scans and `calibrate` return."""
 
     T_scan_base: Array
