@@ -96,7 +96,7 @@ class UnknownNameError(PwralignError):
         self.name = name
         self.valid = tuple(valid)
         close = get_close_matches(str(name), self.valid, n=1, cutoff=0.65)
-        hint = f"did you mean {close[0]!r}?" if close else "valid: " + ", ".join(self.valid)
+        hint = f"did you mean {close[0]!r}?" if close else "valid: " + (", ".join(self.valid) or "none")
         super().__init__(f"no {kind} named {name!r}; {hint}")
 
 

@@ -145,10 +145,12 @@ def placement(pose: Pose) -> Array:
     return se3.from_quaternion(np.array(pose[:3]), np.array(pose[3:]))
 
 
-def check_folder(folder: Path) -> None:
-    """Raise `ExportError` when `folder` cannot be written, before anything that takes time is done for it."""
+def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
+    """Raise `ExportError` when the files `names` cannot be written into `folder`, before anything that takes time."""
     place = folder.absolute()
     while not place.exists() and place != place.parent:
+        if place.is_symlink():
+            raise ExportError(folder, f"cannot write here: {place} is a link to nothing")
         place = place.parent
     if not place.is_dir():
         raise ExportError(folder, f"cannot write here: {place} is not a folder")
@@ -157,3 +159,6 @@ def check_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise ExportError(folder, f"cannot write here: {error.strerror} ({place})") from None
+    blocked = [name for name in names if (folder / name).is_dir()]
+    if blocked:
+        raise ExportError(folder, f"cannot write {blocked[0]}: a folder has that name")

@@ -20,6 +20,7 @@ from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
 
+Unit = Literal["m", "cm", "mm", "in"]
 Units = Literal["m", "cm", "mm", "in", "auto"]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -128,23 +129,23 @@ class Scan(ReadOnly):
             logger.info("%s: dropped %s points of %d", self.source, dropped, self.n_input)
 
     @classmethod
-    def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Units = "m") -> Scan:
+    def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Unit | None = "m") -> Scan:
         """Read a scan file: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, or a scanned mesh (OBJ, STL, GLB, PLY with
         faces).
 
         Meshes are sampled uniformly by area with a fixed seed; coarse ones give their vertices. `sensor_origin`
         (3,) or (n, 3), in the unit of the file, overrides one in the file. `units` is the unit of the file,
-        converted to m; "auto" keeps the numbers as they are, because only beside a model can the unit be told:
-        pass the scan on to `check_units`.
+        converted to m; None keeps the numbers as they are in the file, for only beside a model can the unit be told:
+        `check_units(scan, model.diagonal, "auto")` returns such a scan in m.
 
         Raises `ScanError` naming the file and the cause.
         """
-        if units not in (*METRES, "auto"):
-            raise ScanError(path, f"unknown unit {units!r}; valid: {', '.join(METRES)}, auto")
+        if units not in (*METRES, None):
+            raise ScanError(path, f"unknown unit {units!r}; valid: {', '.join(METRES)}, None to keep the numbers")
         content = readers.read(path)
         origin = content.sensor_origin if sensor_origin is None else sensor_origin
         scan = cls(content.points, sensor_origin=origin, normals=content.normals, source=path)
-        return scan if units in ("m", "auto") else scan.scaled(METRES[units])
+        return scan if units in ("m", None) else scan.scaled(METRES[units])
 
     @classmethod
     def from_depth(

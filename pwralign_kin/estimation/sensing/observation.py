@@ -286,7 +286,7 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
         raise ScanError(
             scan.source,
             f"it spans {extent.max():.3g} times the model, which is {diagonal:.3g} m across: "
-            "crop it to the surroundings of the model (--crop)",
+            "crop it to the surroundings of the model (Scan.cropped / --crop)",
         )
     return means, cell
 
