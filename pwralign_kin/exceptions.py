@@ -5,13 +5,19 @@ The command line turns a `PwralignError` into one line on stderr; anything else 
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 
 class PwralignError(Exception):
     """Base of all errors raised on purpose by this package."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle text and attributes: the usual way calls the class with the text alone, where it takes more."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class ModelError(PwralignError):
@@ -65,14 +71,34 @@ class StateError(PwralignError):
     """A state (placement and joint values) is malformed or does not fit the model."""
 
 
+class OptionError(PwralignError):
+    """An option has a value that it cannot have. `name` is the option, `valid` says which values it can have."""
+
+    def __init__(self, name: str, value: object, valid: str) -> None:
+        self.name = name
+        self.value = value
+        self.valid = valid
+        super().__init__(f"{name} must be {valid}, not {value!r}")
+
+
+class ArgumentError(PwralignError):
+    """An argument is of a kind that makes no sense here. `expected` says what would, `got` what was given."""
+
+    def __init__(self, what: str, expected: str, got: str) -> None:
+        self.what = what
+        self.expected = expected
+        self.got = got
+        super().__init__(f"{what}: expected {expected}, got {got}")
+
+
 class UnknownNameError(PwralignError):
     """A joint, link or part name does not exist. `name` is the offender, `valid` what would have been right."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.name = name
         self.valid = tuple(valid)
-        close = get_close_matches(name, self.valid, n=1, cutoff=0.65)
-        hint = f"did you mean {close[0]!r}?" if close else "valid: " + ", ".join(self.valid)
+        close = get_close_matches(str(name), self.valid, n=1, cutoff=0.65)
+        hint = f"did you mean {close[0]!r}?" if close else "valid: " + (", ".join(self.valid) or "none")
         super().__init__(f"no {kind} named {name!r}; {hint}")
 
 

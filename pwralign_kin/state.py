@@ -13,6 +13,7 @@ import numpy as np
 
 from pwralign_kin import files
 from pwralign_kin.exceptions import ExportError, StateError
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.se3 import Array, checked_placement, placement_text
 
 
@@ -31,22 +32,8 @@ def checked_joints(joints: Mapping[str, float], what: str) -> dict[str, float]:
     return checked
 
 
-class JointValues(dict[str, float]):
-    """Values by joint name that never change; everything that would change them raises `TypeError`."""
-
-    def _refused(self, *_: Any, **__: Any) -> Any:
-        raise TypeError("the joint values of a state never change: make another State")
-
-    __setitem__ = __delitem__ = __ior__ = _refused
-    clear = pop = popitem = setdefault = update = _refused
-
-    def __reduce__(self) -> tuple[type[JointValues], tuple[dict[str, float]]]:
-        """Pickle and copy as made anew: the usual way would fill an empty one."""
-        return JointValues, (dict(self),)
-
-
 @dataclass(frozen=True, eq=False)
-class State:
+class State(ReadOnly):
     """Base placement and joint values by name.
 
     The same type is the initial guess, the truth of a simulated scan, and one frame of a track. States are equal whose
@@ -66,16 +53,11 @@ class State:
     def __post_init__(self) -> None:
         """Check and copy the fields, so that a state never changes."""
         T = checked_placement(self.T_scan_base, "T_scan_base")
-        T.flags.writeable = False
         object.__setattr__(self, "T_scan_base", T)
         if not isinstance(self.base_link, str | None):
             raise StateError(f"base_link must be the name of a link or None, not {self.base_link!r}")
-        object.__setattr__(self, "joints", JointValues(checked_joints(self.joints, "joints")))
-
-    def __setstate__(self, fields: dict[str, Any]) -> None:
-        """Take the fields of a pickle, which forgets that an array is read-only."""
-        self.__dict__.update(fields)
-        self.T_scan_base.flags.writeable = False
+        object.__setattr__(self, "joints", checked_joints(self.joints, "joints"))
+        super().__post_init__()
 
     def __eq__(self, other: object) -> bool:
         """Whether placement, joint values and base link are the same numbers and names."""

@@ -66,10 +66,13 @@ def repository() -> Path:
 
 @pytest.fixture(scope="session")
 def shared_folder() -> Path:
-    """The folder with benchmark cases and real scans, which is not part of this repository."""
+    """The folder with recorded frames of real robots, which is not part of this repository."""
     folder = Path(os.environ.get("PWRALIGN_SHARED", REPOSITORY.parent / "shared"))
     if not folder.is_dir():
-        pytest.skip("no benchmark data: set PWRALIGN_SHARED, or put the folder `shared` beside the repository")
+        pytest.skip(
+            "the recorded frames of a real arm are not part of this repository: set PWRALIGN_SHARED to a folder that "
+            "holds them as real/xarm7/NAME_robot.ply with their truth.json, or name it `shared` beside the repository"
+        )
     return folder
 
 

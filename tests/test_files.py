@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from pwralign_kin import files
 from pwralign_kin.exceptions import ExportError
 from pwralign_kin.files import atomic_folder
 
@@ -76,3 +78,16 @@ def test_what_is_not_written_again_goes_and_comes_back_on_failure(
     with atomic_folder(tmp_path / "out", ["optional"]) as new:
         (new / "a").write_text("new")
     assert names(tmp_path / "out") == {"a", "mine"}
+
+
+def test_written_files_have_the_usual_permissions_and_the_umask_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = os.umask(0o027)
+    try:
+        monkeypatch.setattr(os, "umask", lambda mask: pytest.fail("other threads write files, too"))
+        files.write_text(tmp_path / "a.txt", "a")
+    finally:
+        monkeypatch.undo()
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640

@@ -140,7 +140,7 @@ def test_a_line_tells_a_model_and_a_frame(model: pk.ArticulatedModel, seen: Simu
 
 
 @pytest.mark.parametrize(
-    ("wrong", "named"), [(lambda s: [s, None], "NoneType among them"), (lambda s: s.points, "ndarray;")]
+    ("wrong", "named"), [(lambda s: [s, None], "NoneType among them"), (lambda s: s.points, "got ndarray")]
 )
 def test_what_is_no_scan_is_named(
     wrong: Callable[[pk.Scan], Any], named: str, model: pk.ArticulatedModel, seen: SimulatedScan
@@ -158,6 +158,17 @@ def test_results_are_equal_by_identity(model: pk.ArticulatedModel, seen: Simulat
     assert found == found and found != again and len({found, again}) == 2
     assert again.state == found.state
     assert seen == seen and seen != copy.copy(seen)
+
+
+def test_options_never_change_and_have_a_hash() -> None:
+    prior = {"lid_hinge": 0.5}
+    options, same = (pk.EstimatorOptions(prior=prior, prior_std=prior) for _ in "ab")
+    assert options == same and hash(options) == hash(same) and json.dumps(options.prior) == '{"lid_hinge": 0.5}'
+    held: Any = options.prior
+    with pytest.raises(TypeError, match="never change"):
+        held["lid_hinge"] = np.nan
+    prior["lid_hinge"] = np.nan
+    assert pickle.loads(pickle.dumps(options)) == options and options.prior["lid_hinge"] == 0.5
 
 
 def test_joint_values_of_a_state_never_change(found: pk.Estimate) -> None:
@@ -186,6 +197,15 @@ def test_copies_of_results_and_models(
     with pytest.raises(TypeError):
         state.joints["lid_hinge"] = 0.0
     other = copied(model)
-    assert other.content_key == model.content_key and not other.lower.flags.writeable
+    assert other.content_key == model.content_key
+    scan = copied(seen.scan)
+    unchanging = (scan.points, scan.source_index, copied(found).covariance, found.covariance, found.scan_labels)
+    for array in (*unchanging, other.lower, other.continuous, model.continuous, found.parts["lid"].T_scan_part):
+        assert not array.flags.writeable
+    for mapping in (model.units, other.units, found.units, found.std, copied(found).parts, scan.dropped):
+        with pytest.raises(TypeError, match="never change"):
+            mapping["lid_hinge"] = 0.0  # type: ignore[index]
+    with pytest.raises(AttributeError, match="a scan never changes"):
+        scan.points = np.zeros((3, 3))
     options = pk.EstimatorOptions(effort="fast")
     assert pk.estimate(other, seen.scan, initial=seen.state, options=options).state == found.state

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.exceptions import ArgumentError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import (
     PosedMesh,
@@ -264,5 +264,5 @@ def test_a_far_scan_frame_costs_no_precision() -> None:
 def test_mistakes_are_typed(model: ArticulatedModel) -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'lift'"):
         render(model, State(joints={"lft": 0.1}), size=SIZE, view=FRONT)
-    with pytest.raises(StateError, match="differ"):
+    with pytest.raises(ArgumentError, match="differ"):
         render(model, State(), size=SIZE, view=View(FRONT.eye, FRONT.eye, FRONT.up, 0.3))

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Seed, Share
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, observe
 from pwralign_kin.exceptions import ScanError
@@ -31,32 +32,32 @@ _NO_TIES = np.empty((0, 2, 3))
 
 
 @dataclass(frozen=True)
-class PartWiseOptions:
+class PartWiseOptions(CheckedOptions):
     """Settings. Lengths in model diagonals."""
 
-    spacing: float = 0.015
+    spacing: Cell = 0.015
     """Cell of the model's downsampling; ..."""
-    least_points: int = 50
+    least_points: Count = 50
     """... a part keeps at least so many points where it has them."""
-    feature_radius: float = 0.1
-    least_correspondences: int = 8
+    feature_radius: Positive = 0.1
+    least_correspondences: Count = 8
     """Below this a part is skipped: it moves with the neighbour placed before."""
-    largest_gap: float = 0.03
+    largest_gap: NotNegative = 0.03
     """A part whose junction would open wider is skipped."""
-    tie: float = 0.5
+    tie: NotNegative = 0.5
     """Weight of a junction in ICP, against 1 of all points of the part together."""
-    inlier: float = 0.03
+    inlier: Positive = 0.03
     """Distance at which RANSAC counts a correspondence."""
-    samples: int = 40000
+    samples: Count = 40000
     """Minimal samples of the whole body's RANSAC; a part draws a quarter."""
-    edge_similarity: float = 0.9
+    edge_similarity: Share = 0.9
     """Samples whose side lengths agree less are dropped unseen."""
-    icp_distances: tuple[float, ...] = (0.08, 0.04, 0.02)
+    icp_distances: tuple[Positive, ...] = (0.08, 0.04, 0.02)
     """Farthest pairs of ICP, coarse to fine, ..."""
-    icp_iterations: int = 15
+    icp_iterations: Count = 15
     """... with so many iterations each, or fewer when no entry of the placement changes by this."""
-    icp_tolerance: float = 1e-4
-    seed: int = 0
+    icp_tolerance: NotNegative = 1e-4
+    seed: Seed = 0
 
 
 @dataclass(frozen=True)

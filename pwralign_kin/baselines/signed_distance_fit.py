@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Positive, Seed
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, skew
 from pwralign_kin.state import State
@@ -22,20 +23,20 @@ _BEYOND = 65535
 
 
 @dataclass(frozen=True)
-class SignedDistanceOptions:
+class SignedDistanceOptions(CheckedOptions):
     """Settings. Lengths in model diagonals."""
 
-    points: int = 600
+    points: Count = 600
     """Points of the scan that are fitted."""
-    starts: int = 16
+    starts: Count = 16
     """Random starts where there is no guess; the lowest cost wins."""
-    evaluations: int = 40
+    evaluations: Count = 40
     """Most evaluations of one start."""
-    robust_scale: float = 0.02
+    robust_scale: Positive = 0.02
     """Residual at which the loss (soft L1) turns from squares to absolute values."""
-    beyond: float = 0.07
+    beyond: Positive = 0.07
     """Residual of points that no grid covers: as far as grids reach."""
-    seed: int = 0
+    seed: Seed = 0
 
 
 def signed_distance_fit(

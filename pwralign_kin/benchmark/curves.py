@@ -21,12 +21,12 @@ from pwralign_kin.exceptions import PwralignError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
-from pwralign_kin.simulation import GuessError, Sensor, simulate
+from pwralign_kin.simulation import GuessOffset, Sensor, simulate
 from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
-USUAL = Sensor(points=4000, guess=GuessError())
+USUAL = Sensor(points=4000, guess=GuessOffset())
 """Eight views, noise 0.2% of the diagonal. The guess is for the baseline that needs one."""
 
 

@@ -35,11 +35,13 @@ from pwralign_kin.benchmark.cases import (
     sample_cases,
     sample_names,
     simulated_case,
+    wheel_robots,
 )
 from pwralign_kin.benchmark.methods import ABLATIONS, DEFAULT, HASTY, HASTY_NAME, Method, with_outside_pairs
 from pwralign_kin.benchmark.peers import CONTENDERS
 from pwralign_kin.benchmark.runs import Outcome, Progress, evaluate, tier_cases
 from pwralign_kin.benchmark.table import markdown
+from pwralign_kin.exceptions import DependencyError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.simulation import TIERS
 
@@ -377,7 +379,20 @@ def models(folder: Path, names: Iterable[str]) -> Iterator[tuple[str, Articulate
         if name.endswith(".urdf"):
             yield Path(name).stem, ArticulatedModel.from_urdf(name)
             continue
+        if name not in samples:
+            _check_robot(name, folder, samples)
         yield name, load_sample(folder, name) if name in samples else load_robot(name)
+
+
+def _check_robot(name: str, folder: Path, samples: Iterable[str]) -> None:
+    """Raise `UnknownNameError` that says where a model was looked for."""
+    try:
+        robots = wheel_robots()
+    except DependencyError:
+        robots = {}
+    if name not in robots:
+        where = f"sample model in {folder.absolute()} (another folder: --samples DIR) or robot of example-robot-data"
+        raise UnknownNameError(where, name, [*samples, *robots])
 
 
 def _gap_cases(settings: Settings) -> Iterator[tuple[ArticulatedModel, Case]]:

@@ -47,30 +47,36 @@ EXAMPLES = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `pwralign` with `arguments` (those of the process by default) and return its exit code."""
-    from cyclopts import CycloptsError
-
     tokens = sys.argv[1:] if arguments is None else list(arguments)
     with messages.to_stderr():
         try:
-            code = _app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-            sys.stdout.flush()
-        except (CycloptsError, UsageError) as error:
-            verb = f"{tokens[0]} " if tokens and tokens[0] in VERBS else ""
-            return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
-        except PwralignError as error:
-            return messages.complain(str(error), BAD_INPUT)
-        except KeyboardInterrupt:
+            return _run(tokens)
+        except KeyboardInterrupt:  # while libraries load, too
             return messages.complain("interrupted", INTERRUPTED)
-        except BrokenPipeError:
-            messages.give_up_stdout()  # whoever read the output has had enough
-            return OK
-        except OSError as error:
-            if error.errno != errno.ENOSPC:
-                return _unexpected(error)
-            messages.give_up_stdout()
-            return messages.complain(f"the output cannot be written: {error.strerror}", BAD_INPUT)
-        except Exception as error:
+
+
+def _run(tokens: Sequence[str]) -> int:
+    """Return the exit code of a command; everything that goes wrong is one line on stderr."""
+    from cyclopts import CycloptsError
+
+    try:
+        code = _app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except (CycloptsError, UsageError) as error:
+        verb = f"{tokens[0]} " if tokens and tokens[0] in VERBS else ""
+        return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
+    except PwralignError as error:
+        return messages.complain(str(error), BAD_INPUT)
+    except BrokenPipeError:
+        messages.give_up_stdout()  # whoever read the output has had enough
+        return OK
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
             return _unexpected(error)
+        messages.give_up_stdout()
+        return messages.complain(f"the output cannot be written: {error.strerror}", BAD_INPUT)
+    except Exception as error:
+        return _unexpected(error)
     return OK if code is None else int(code)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
+from pwralign_kin.checked_options import SEED_LIMIT
 from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.exceptions import ExportError
 
@@ -25,7 +26,11 @@ OUTPUT, GUESS, SCAN, MODEL, SEARCH = (
 
 Seed = Annotated[
     int,
-    Parameter(help="The same seed gives the same result.", validator=Number(gte=0, lt=2**32), group=SEARCH),
+    Parameter(
+        help="The same seed gives the same result; a whole number below 2**32.",
+        validator=Number(gte=0, lt=SEED_LIMIT),
+        group=SEARCH,
+    ),
 ]
 
 EffortChoice = Annotated[
@@ -140,10 +145,12 @@ def placement(pose: Pose) -> Array:
     return se3.from_quaternion(np.array(pose[:3]), np.array(pose[3:]))
 
 
-def check_folder(folder: Path) -> None:
-    """Raise `ExportError` when `folder` cannot be written, before anything that takes time is done for it."""
+def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
+    """Raise `ExportError` when the files `names` cannot be written into `folder`, before anything that takes time."""
     place = folder.absolute()
     while not place.exists() and place != place.parent:
+        if place.is_symlink():
+            raise ExportError(folder, f"cannot write here: {place} is a link to nothing")
         place = place.parent
     if not place.is_dir():
         raise ExportError(folder, f"cannot write here: {place} is not a folder")
@@ -152,3 +159,6 @@ def check_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise ExportError(folder, f"cannot write here: {error.strerror} ({place})") from None
+    blocked = [name for name in names if (folder / name).is_dir()]
+    if blocked:
+        raise ExportError(folder, f"cannot write {blocked[0]}: a folder has that name")

@@ -91,7 +91,10 @@ def estimate(
         raise UsageError("--correspondences are of one scan, but several are given.")
     guess = _guess(initial, base_options.start, joint_options)
     if output.out is not None:
-        arguments.check_folder(output.out)
+        from pwralign_kin.export import FILES
+
+        for folder in _folders(output.out, (scan, *more)):
+            arguments.check_folder(folder, FILES)
     begun = time.perf_counter()
     with messages.progress() as show:
         from pwralign_kin.estimation import Correspondences, EstimatorOptions, SearchOptions

@@ -95,7 +95,7 @@ class ScanOptions:
             if self.depth != CAMERA_OPTIONS:
                 given = "--intrinsics, --depth-scale and --camera are of depth images, 16-bit PNG"
                 raise UsageError(f"{path} is no depth image: {given}.")
-            scan = Scan.load(path, sensor_origin=self.sensor_origin, units="auto")
+            scan = Scan.load(path, sensor_origin=self.sensor_origin, units=None)
         elif self.units not in ("m", "auto"):
             raise UsageError(f"{path} is a depth image: --depth-scale says what its numbers are in, not --units.")
         elif self.sensor_origin is None:

@@ -114,7 +114,9 @@ def simulate(
     room_options: RoomOptions = ROOM_OPTIONS,
     state: Annotated[Path | None, Parameter(help="A state.json of the model's pose; else random.", group=POSE)] = None,
     joint: Annotated[Joints, Parameter(help="name=value, rad or m; may be repeated.", group=POSE)] = None,
-    seed: Annotated[Seed, Parameter(help="Of pose and scan: the same seed gives the same.", group=POSE)] = 0,
+    seed: Annotated[
+        Seed, Parameter(help="Of pose and scan: the same seed, below 2**32, gives the same.", group=POSE)
+    ] = 0,
     model_options: ModelOptions = MODEL_OPTIONS,
 ) -> None:
     """Scan a model in software, alone or in a room: points with the truth beside them.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from pwralign_kin.cli import arguments, messages
 from pwralign_kin.cli.arguments import GUESS, OUTPUT, SCAN, SEARCH, AsJson, Seed, Threads, Triple
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 class StreamOptions:
     """What the files of a stream do not tell of themselves."""
 
-    rate: Annotated[float, Parameter(help="Frames per second, where the files tell no times.")] = 30.0
+    rate: Annotated[
+        float, Parameter(help="Frames per second, where the files tell no times.", validator=Number(gt=0))
+    ] = 30.0
     camera: CameraOptions = CAMERA_OPTIONS
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
@@ -88,7 +91,11 @@ def track(
     stream_options: StreamOptions = STREAM_OPTIONS,
     time_limit: Annotated[
         float | None,
-        Parameter(help="Seconds that a frame may take; results then depend on the machine.", group=SEARCH),
+        Parameter(
+            help="Seconds that a frame may take; results then depend on the machine.",
+            validator=Number(gt=0),
+            group=SEARCH,
+        ),
     ] = None,
     seed: Seed = 0,
     json: AsJson = False,

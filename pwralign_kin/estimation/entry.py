@@ -12,7 +12,7 @@ from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.second_looks import estimated
 from pwralign_kin.estimation.shared_base.shared_base import SharedBaseEstimate, estimate_shared_base
-from pwralign_kin.exceptions import StateError
+from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.state import State
@@ -51,25 +51,31 @@ def estimate(
     from an outside matcher (for several scans one a scan) become part hypotheses. `progress` is called with the name
     of each stage as it begins. What is known beforehand of base and joints is told by `options`.
 
-    Raises `ScanError` when a scan holds too little at the model's scale, `StateError` or `UnknownNameError` when
-    a guess or an option does not fit the model or the scans, `CorrespondenceError` when correspondences fit neither
-    model nor scan or nothing at all was given to make hypotheses from.
+    Raises `ArgumentError` for arguments of a wrong kind or number, `ScanError` when a scan holds too little at the
+    model's scale, `StateError`, `OptionError` or `UnknownNameError` when a guess or an option does not fit the model,
+    `CorrespondenceError` when correspondences fit neither model nor scan or nothing at all was given to make
+    hypotheses from.
     """
     options = _checked_options(options)
     _check_scans([scan] if isinstance(scan, Scan) else scan)
     if isinstance(scan, Scan):
         if not isinstance(initial, State | None) or not isinstance(correspondences, Correspondences | None):
-            raise StateError(
-                "one scan takes one guess (a State) and one set of Correspondences, got "
-                f"{type(initial).__name__} and {type(correspondences).__name__}"
+            raise ArgumentError(
+                "estimate",
+                "one guess (a State) and one set of Correspondences for one scan",
+                f"{type(initial).__name__} and {type(correspondences).__name__}",
             )
         return estimated(Estimator(model, options, progress), scan, initial, correspondences)
     if isinstance(correspondences, Correspondences):
-        raise StateError("several scans take one set of correspondences each")
+        raise ArgumentError("estimate", "one set of Correspondences for each of several scans", "one for all")
     initials = initial if isinstance(initial, Sequence) else [initial] * len(scan)
     pairs = correspondences or [None] * len(scan)
     if len(initials) != len(scan) or len(pairs) != len(scan):
-        raise StateError(f"{len(scan)} scans but {len(initials)} guesses and {len(pairs)} sets of correspondences")
+        raise ArgumentError(
+            "estimate",
+            f"as many guesses and sets of Correspondences as scans, {len(scan)}",
+            f"{len(initials)} and {len(pairs)}",
+        )
     return estimate_shared_base(model, scan, initials, pairs, [options] * len(scan), progress)
 
 
@@ -83,15 +89,19 @@ def calibrate(
     """Estimate where a robot stands in a sensor's frame from scans with known joint values: no guess is needed.
 
     `joints` holds the values (rad or m) of each scan by name, as encoders give them, or a `State` with them; joints
-    that are not named are estimated. Raises what `estimate` raises, and `StateError` when there is not one set of
-    values a scan.
+    that are not named are estimated. Raises what `estimate` raises, and `ArgumentError` when there is not one set
+    of values a scan.
     """
     sets = isinstance(joints, Sequence) and all(isinstance(values, Mapping | State) for values in joints)
     if isinstance(scans, Scan) or not sets:
-        raise StateError("calibrate takes a sequence of scans and one of joint values, a set by name for each scan")
+        raise ArgumentError(
+            "calibrate",
+            "a sequence of scans and one of joint values, a set by name for each scan",
+            f"{type(scans).__name__} and {type(joints).__name__}",
+        )
     _check_scans(scans)
     if len(joints) != len(scans):
-        raise StateError(f"{len(scans)} scans but {len(joints)} sets of joint values")
+        raise ArgumentError("calibrate", f"as many sets of joint values as scans, {len(scans)}", str(len(joints)))
     options = _checked_options(options)
     encoders = [values.joints if isinstance(values, State) else values for values in joints]
     known = [
@@ -104,7 +114,7 @@ def calibrate(
 
 def _checked_options(options: EstimatorOptions | None) -> EstimatorOptions:
     if not isinstance(options, EstimatorOptions | None):
-        raise StateError(f"options must be EstimatorOptions, not {type(options).__name__}")
+        raise ArgumentError("options", "EstimatorOptions", type(options).__name__)
     return options or EstimatorOptions()
 
 
@@ -113,4 +123,4 @@ def _check_scans(scans: object) -> None:
     strange = [one for one in members if not isinstance(one, Scan)]
     if strange:
         got = type(strange[0]).__name__ + ("" if strange[0] is scans else " among them")
-        raise StateError(f"expected a Scan or a sequence of them, got {got}; of points (n, 3) in m make Scan(points)")
+        raise ArgumentError("scan", "a Scan (of points (n, 3), m, make Scan(points)) or a sequence of them", got)

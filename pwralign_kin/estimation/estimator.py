@@ -33,7 +33,7 @@ from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
 from pwralign_kin.estimation.stages import Fit, Judged
 from pwralign_kin.estimation.stopwatch import Stopwatch
-from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import point_text
@@ -61,17 +61,20 @@ class Estimator:
         options: EstimatorOptions,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        """Check the options against the model. Raises `UnknownNameError` and `StateError`."""
+        """Check the options against the model.
+
+        Raises `ArgumentError` for what is no model, `UnknownNameError`, `OptionError` and `StateError` for options.
+        """
         if not isinstance(model, ArticulatedModel):
-            got = type(model).__name__
-            raise StateError(f"expected an ArticulatedModel, got {got}; ArticulatedModel.from_urdf(path) reads one")
+            reader = "ArticulatedModel.from_urdf(path) reads one"
+            raise ArgumentError("model", f"an ArticulatedModel ({reader})", type(model).__name__)
         for name in (*options.locked, *options.prior_std):
             if name not in model.joint_names:
                 raise UnknownNameError("joint", name, model.joint_names)
         model.check_limits(options.prior)
         for name, std in options.prior_std.items():
             if std <= 0.0:
-                raise StateError(f"the standard deviation of joint {name!r} must be a positive number, not {std}")
+                raise OptionError(f"prior_std of joint {name!r}", std, "a finite number above 0")
         self.model = model
         self.options = options
         self.progress = progress

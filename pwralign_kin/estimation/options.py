@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache
-from numbers import Integral
 from typing import Any, Literal, get_args
 
+from pwralign_kin.checked_options import CheckedOptions, Seed, Threads
 from pwralign_kin.estimation.knowledge.correspondences import FpfhMatcher
 from pwralign_kin.estimation.knowledge.prior import BasePrior, Vector, checked_box, checked_numbers
 from pwralign_kin.estimation.refinement.joint_least_squares import LeastSquaresOptions
@@ -18,7 +18,8 @@ from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.search.tree_search import SearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions
-from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.exceptions import OptionError, UnknownNameError
+from pwralign_kin.read_only import ReadOnlyDict
 from pwralign_kin.state import checked_joints
 
 EffortName = Literal["fast", "default", "thorough"]
@@ -28,18 +29,19 @@ SOURCES = ("pairs", "faces", "fpfh")
 
 
 @dataclass(frozen=True)
-class EstimatorOptions:
+class EstimatorOptions(CheckedOptions):
     """Options of `pwralign_kin.estimate`. The defaults serve any robot and sensor.
 
-    Raises `StateError` for values out of range and `UnknownNameError` for an effort or a source that there is not.
+    Raises `OptionError` for values out of range and `UnknownNameError` for an effort or a source that there is not,
+    `StateError` for a prior that does not map names to numbers.
     """
 
-    seed: int = 0
-    """The same seed gives the same answer, bit for bit, at any number of threads."""
+    seed: Seed = 0
+    """The same seed, a whole number below 2**32, gives the same answer, bit for bit, at any number of threads."""
     effort: EffortName = "default"
     """How long answers are looked for: with little repair ("fast"), with one more search where the first is not
     convincing ("default"), or from other samples again until two searches agree ("thorough")."""
-    threads: int = 0
+    threads: Threads = 0
     """Threads of the compiled kernels; 0 = one per core."""
     locked: tuple[str, ...] = ()
     """Joints that keep their initial, else their prior value."""
@@ -70,30 +72,18 @@ class EstimatorOptions:
 
     def __post_init__(self) -> None:
         """Check what does not depend on the model."""
-        if not isinstance(self.seed, Integral) or not 0 <= self.seed < 2**64:
-            raise StateError(f"the seed must be a whole number from 0 to 2**64 - 1, not {self.seed!r}")
-        if not isinstance(self.threads, Integral) or self.threads < 0:
-            raise StateError(f"threads must be 1 or more, or 0 for one per core, not {self.threads!r}")
+        super().__post_init__()
         if self.effort not in get_args(EffortName):
             raise UnknownNameError("effort", self.effort, get_args(EffortName))
-        for name in ("locked", "sources"):
-            if isinstance(getattr(self, name), str):
-                raise StateError(f"{name} takes several names, not one string: ({getattr(self, name)!r},)")
-            object.__setattr__(self, name, tuple(getattr(self, name)))
         for source in self.sources:
             if source not in SOURCES:
                 raise UnknownNameError("source", source, SOURCES)
         for name in ("prior", "prior_std"):
-            object.__setattr__(self, name, checked_joints(getattr(self, name), name))
+            object.__setattr__(self, name, ReadOnlyDict(checked_joints(getattr(self, name), name)))
         for name in self.prior_std:
             if name not in self.prior:
-                raise StateError(
-                    f"prior_std says how sure the prior of {name!r} is: give its value too, prior={{{name!r}: ...}}"
-                )
-        for section in fields(self):
-            kind = section.default_factory
-            if isinstance(kind, type) and is_dataclass(kind) and not isinstance(getattr(self, section.name), kind):
-                raise StateError(f"{section.name} must be {kind.__name__}, not {getattr(self, section.name)!r}")
+                valid = f"about joints of the prior: give the value of {name!r} too, prior={{{name!r}: ...}}"
+                raise OptionError("EstimatorOptions.prior_std", dict(self.prior_std), valid)
         if self.region is not None:
             object.__setattr__(self, "region", checked_box(self.region, "region"))
         if self.near is not None:

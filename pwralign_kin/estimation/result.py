@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.se3 import Array, placement_text
 from pwralign_kin.state import State
 
@@ -18,7 +19,7 @@ SEEN_POINTS = 15
 
 
 @dataclass(frozen=True, eq=False)
-class PartEstimate:
+class PartEstimate(ReadOnly):
     """One rigid part after the estimate."""
 
     T_scan_part: Array
@@ -52,7 +53,7 @@ class Alternative:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(ReadOnly):
     """What `pwralign_kin.estimate` returns."""
 
     state: State

@@ -15,7 +15,13 @@ from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
 from pwralign_kin.scan import Scan
 
-__all__ = ["UP_AXES", "export"]
+__all__ = ["FILES", "UP_AXES", "export"]
+
+FILES = (
+    "aligned.urdf", "deviation.csv", "deviation.ply", "estimate.json", "initial_positions.yaml", "joint_state.yaml",
+    "model.glb", "model.ply", "model.srdf", "overlay.png", "state.json",
+)  # fmt: skip
+"""Names of what is written."""
 
 logger = logging.getLogger(__name__)
 

@@ -30,6 +30,7 @@ from pwralign_kin.model.symmetry import VERSION as SYMMETRY_VERSION
 from pwralign_kin.model.symmetry import Symmetry, as_arrays, find_symmetry, from_arrays
 from pwralign_kin.model.urdf import GeometryKind, read_urdf
 from pwralign_kin.model.urdf_writing import as_normalised_urdf
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
@@ -44,7 +45,7 @@ LARGEST = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class ArticulatedModel:
+class ArticulatedModel(ReadOnly):
     """A URDF as rigid parts in a tree of joints, with kinematics. Made by `from_urdf`; never changes."""
 
     name: str
@@ -178,8 +179,8 @@ class ArticulatedModel:
             root_link=description.root,
             parts=parts,
             joint_names=tuple(indices),
-            lower=_frozen([lower for lower, _, _ in ranges]),
-            upper=_frozen([upper for _, upper, _ in ranges]),
+            lower=_limits([lower for lower, _, _ in ranges]),
+            upper=_limits([upper for _, upper, _ in ranges]),
             continuous=continuous,
             units={joint.name: "m" if joint.kind == "prismatic" else "rad" for joint in actuated},
             diagonal=diagonal,
@@ -250,12 +251,6 @@ class ArticulatedModel:
     def __getstate__(self) -> dict[str, Any]:
         """Return what a pickle holds: the fields. What is prepared from them is found in the cache again."""
         return {own.name: getattr(self, own.name) for own in dataclasses.fields(self)}
-
-    def __setstate__(self, fields: dict[str, Any]) -> None:
-        """Take the fields of a pickle, which forgets that an array is read-only."""
-        self.__dict__.update(fields)
-        for limits in (self.lower, self.upper):
-            limits.flags.writeable = False
 
     def neutral(self) -> dict[str, float]:
         """Return 0 clamped into the limits, by joint name (rad or m)."""
@@ -363,10 +358,8 @@ def _as_xacro(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _frozen(values: list[float]) -> Array:
-    array = np.array(values, dtype=np.float64) + 0.0  # no -0.0: NumPy takes a range from 0 to it for reversed
-    array.flags.writeable = False
-    return array
+def _limits(values: list[float]) -> Array:
+    return np.array(values, dtype=np.float64) + 0.0  # no -0.0: NumPy takes a range from 0 to it for reversed
 
 
 def _diagonal_at_zero(welds: tuple[Weld, ...], shapes: Geometry) -> float:

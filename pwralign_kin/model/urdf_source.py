@@ -24,6 +24,8 @@ def read_source(path: Path, packages: PackageFolders, xacro_args: Mapping[str, s
 
     Raises `ModelError`, and `DependencyError` for a xacro without the xacro extra.
     """
+    if str(path).lstrip().startswith("<"):
+        raise ModelError("URDF", "expected the path of a file, got the text of one: write it to a file first")
     if not path.exists():
         raise ModelError(path, "no such file")
     if not path.is_file():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pwralign_kin.exceptions import StateError
+from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.render.arrays import Indices
 from pwralign_kin.se3 import Array
 
@@ -30,12 +30,12 @@ class View:
     def axes(self) -> Array:
         """Return (3, 3) rows: right, down, forward, as unit vectors in the scan frame.
 
-        Raises `StateError` when eye and target coincide.
+        Raises `ArgumentError` when eye and target coincide.
         """
         forward = np.asarray(self.target, dtype=np.float64) - self.eye
         length = np.linalg.norm(forward)
         if not length > 0.0:
-            raise StateError("a view needs an eye and a target that differ")
+            raise ArgumentError("view", "an eye and a target that differ", f"{np.asarray(self.eye).tolist()} for both")
         return camera_axes(forward / length, np.asarray(self.up, dtype=np.float64))
 
 

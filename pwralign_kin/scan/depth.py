@@ -75,9 +75,7 @@ class DepthFrame:
         check_path(path, partial(ScanError, "depth image"))
         path = Path(path)
         if intrinsics is None:
-            raise ScanError(
-                path, "a depth image needs the intrinsics of its camera: fx fy cx cy, pixels (--intrinsics)"
-            )
+            raise ScanError(path, "a depth image needs its camera's fx fy cx cy, pixels (intrinsics / --intrinsics)")
         try:
             with Image.open(path, formats=["PNG"]) as image:
                 mode = image.mode

@@ -7,6 +7,7 @@ Only Python and NumPy parse the bytes; no native parser sees a file.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -130,19 +131,23 @@ def _heading_columns(words: list[str]) -> tuple[int, int, int] | None:
     return (names.index("x"), names.index("y"), names.index("z")) if {"x", "y", "z"} <= set(names) else None
 
 
+_DECIMAL_COMMA = re.compile(r"\d,\d+\s+-?\d+,\d|;.*\d,\d")
+"""A comma within a number: spaces or semicolons part the columns."""
+
+
 def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> str | None:
     """Return what is wrong with the first line that does not hold three numbers."""
     for number, line in enumerate(lines[first:], start=first + 1):
         words = _words(line)
         if not words:
             continue
+        remedy = ": write decimal points, not commas" if _DECIMAL_COMMA.search(line) else ""
         if len(words) <= max(columns):
-            return f"line {number}: {len(words)} columns where at least {max(columns) + 1} are expected"
+            return f"line {number}: {len(words)} columns where at least {max(columns) + 1} are expected{remedy}"
         for column in columns:
             try:
                 float(words[column])
             except ValueError:
-                remedy = ": write decimal points, not commas" if "," in words[column] else ""
                 return f"line {number}: {words[column][:40]!r} is not a number{remedy}"
     return None
 

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import EmptyScanError, ScanError
+from pwralign_kin.read_only import ReadOnly, read_only
 from pwralign_kin.scan import readers
 from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
 
+Unit = Literal["m", "cm", "mm", "in"]
 Units = Literal["m", "cm", "mm", "in", "auto"]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 """Length of each unit, m."""
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 MIN_POINTS = 10
 """Fewer distinct points than this cannot fix a rigid part, let alone joints."""
@@ -40,7 +40,7 @@ distances are multiples of the least, up to this share of it."""
 
 
 @dataclass(frozen=True, eq=False)
-class DepthCamera:
+class DepthCamera(ReadOnly):
     """The pinhole camera of a depth image. What lies outside its image was not looked at: unknown, not
     free."""
 
@@ -58,7 +58,7 @@ class DepthCamera:
     """(4, 4) placement of the camera in the scan frame, translation in m."""
 
 
-class Scan:
+class Scan(ReadOnly):
     """Points of a scan in one frame, in m: finite, distinct, never changed.
 
     Attributes:
@@ -81,7 +81,7 @@ class Scan:
     source: str
     n_input: int
     source_index: NDArray[np.int64]
-    dropped: dict[str, int]
+    dropped: Mapping[str, int]
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class Scan:
         Raises `ScanError` for a wrong shape, non-numeric content, a non-finite sensor origin, no finite point
         at all, or fewer than ten distinct points.
         """
-        self.source = str(source)
+        self._set(source=str(source))
         given = self._numbers(points, "points")
         if given.ndim != 2 or given.shape[1] != 3:
             columns = given.ndim == 2 and len(given) == 3
@@ -113,12 +113,11 @@ class Scan:
         kept = np.flatnonzero(finite)
         kept = kept[_first_occurrences(given[kept])]
 
-        self.n_input = len(given)
-        self.dropped = {
-            "non_finite": len(given) - int(finite.sum()),
-            "duplicate": int(finite.sum()) - len(kept),
-        }
-        self.camera = None
+        self._set(
+            n_input=len(given),
+            dropped={"non_finite": len(given) - int(finite.sum()), "duplicate": int(finite.sum()) - len(kept)},
+            camera=None,
+        )
         self._keep(
             kept,
             given,
@@ -130,23 +129,23 @@ class Scan:
             logger.info("%s: dropped %s points of %d", self.source, dropped, self.n_input)
 
     @classmethod
-    def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Units = "m") -> Scan:
+    def load(cls, path: Path | str, *, sensor_origin: ArrayLike | None = None, units: Unit | None = "m") -> Scan:
         """Read a scan file: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, or a scanned mesh (OBJ, STL, GLB, PLY with
         faces).
 
         Meshes are sampled uniformly by area with a fixed seed; coarse ones give their vertices. `sensor_origin`
         (3,) or (n, 3), in the unit of the file, overrides one in the file. `units` is the unit of the file,
-        converted to m; "auto" keeps the numbers as they are, because only beside a model can the unit be told:
-        pass the scan on to `check_units`.
+        converted to m; None keeps the numbers as they are in the file, for only beside a model can the unit be told:
+        `check_units(scan, model.diagonal, "auto")` returns such a scan in m.
 
         Raises `ScanError` naming the file and the cause.
         """
-        if units not in (*METRES, "auto"):
-            raise ScanError(path, f"unknown unit {units!r}; valid: {', '.join(METRES)}, auto")
+        if units not in (*METRES, None):
+            raise ScanError(path, f"unknown unit {units!r}; valid: {', '.join(METRES)}, None to keep the numbers")
         content = readers.read(path)
         origin = content.sensor_origin if sensor_origin is None else sensor_origin
         scan = cls(content.points, sensor_origin=origin, normals=content.normals, source=path)
-        return scan if units in ("m", "auto") else scan.scaled(METRES[units])
+        return scan if units in ("m", None) else scan.scaled(METRES[units])
 
     @classmethod
     def from_depth(
@@ -194,8 +193,11 @@ class Scan:
         rows, columns = np.nonzero(returned)
         rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(K).T
         scan = cls(transform(T, distance[returned][:, None] * rays), sensor_origin=T[:3, 3], source=source)
-        scan.source_index, scan.n_input = _frozen(np.flatnonzero(returned)[scan.source_index]), raw.size
-        scan.camera = DepthCamera(intrinsics=_frozen(K), width=width, height=height, T_scan_camera=_frozen(T))
+        scan._set(
+            source_index=np.flatnonzero(returned)[scan.source_index],
+            n_input=raw.size,
+            camera=DepthCamera(intrinsics=K, width=width, height=height, T_scan_camera=T),
+        )
         return scan
 
     @cached_property
@@ -203,7 +205,7 @@ class Scan:
         """Least and greatest corner (3,) of the axis-aligned bounding box, m."""
         # Coordinate by coordinate: NumPy takes five times as long for rows of three.
         x, y, z = self.points.T
-        return _frozen(np.array([x.min(), y.min(), z.min()])), _frozen(np.array([x.max(), y.max(), z.max()]))
+        return read_only(np.array([x.min(), y.min(), z.min()])), read_only(np.array([x.max(), y.max(), z.max()]))
 
     @property
     def extent(self) -> Array:
@@ -235,16 +237,20 @@ class Scan:
         mirror = np.array([1.0, 1.0, -1.0])
         origin = None if self.sensor_origin is None else mirror * self.sensor_origin
         scan = self._derived(np.arange(len(self.points)), mirror * self.points, origin)
-        scan.normals = None if self.normals is None else _frozen(mirror * self.normals)
+        scan._set(normals=None if self.normals is None else mirror * self.normals)
         return scan
 
     def without_sensor_origin(self) -> Scan:
         """Return the scan without saying where it was seen from; it loses its depth camera."""
         return self._derived(np.arange(len(self.points)), self.points, None)
 
-    def with_sensor_origin(self, origin: Array) -> Scan:
-        """Return the scan as seen from `origin` (3,), m, scan frame."""
-        return self._derived(np.arange(len(self.points)), self.points, origin)
+    def with_sensor_origin(self, origin: ArrayLike) -> Scan:
+        """Return the scan as seen from `origin`, (3,) or one a point (n, 3), m, scan frame.
+
+        Raises `ScanError` for a wrong shape or numbers that are not finite.
+        """
+        seen_from = self._checked_origin(origin, len(self.points))
+        return self._derived(np.arange(len(self.points)), self.points, seen_from)
 
     def cropped(self, lower: ArrayLike, upper: ArrayLike) -> Scan:
         """Return the points within the axis-aligned box from `lower` (3,) to `upper` (3,), m, scan frame.
@@ -263,9 +269,13 @@ class Scan:
                 f"the scan spans {point_text(self.box[0])} to {point_text(self.box[1])}",
             )
         scan = self._derived(inside, self.points, self.sensor_origin)
-        scan.camera = self.camera
-        scan.dropped["cropped"] = self.dropped.get("cropped", 0) + len(self.points) - len(inside)
+        left_out = self.dropped.get("cropped", 0) + len(self.points) - len(inside)
+        scan._set(camera=self.camera, dropped={**self.dropped, "cropped": left_out})
         return scan
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse: a scan never changes."""
+        raise AttributeError(f"a scan never changes: make another one instead of setting its {name}")
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -310,30 +320,27 @@ class Scan:
                 self.source,
                 f"the scan has only {len(kept)} distinct {what}; at least {MIN_POINTS} are needed",
             )
-        self.points = _frozen(points[kept])
-        self.source_index = _frozen(kept)
-        self.sensor_origin = None if origin is None else _frozen(origin[kept] if origin.ndim == 2 else origin)
-        self.normals = None
+        seen_from = origin[kept] if origin is not None and origin.ndim == 2 else origin
+        units = None
         if normals is not None:
             chosen = normals[kept]
             with np.errstate(over="ignore"):
                 lengths = np.linalg.norm(chosen, axis=1, keepdims=True)
             if np.isfinite(lengths).all() and (lengths > 0.0).all():
-                self.normals = _frozen(chosen / lengths)
+                units = chosen / lengths
             else:
                 logger.info("%s: normals discarded, some are zero or not finite", self.source)
+        self._set(points=points[kept], source_index=kept, sensor_origin=seen_from, normals=units)
 
     def _derived(self, kept: NDArray[np.int64], points: Array, origin: Array | None) -> Scan:
         scan = object.__new__(Scan)
-        scan.source, scan.n_input, scan.dropped, scan.camera = (
-            self.source,
-            self.n_input,
-            dict(self.dropped),
-            None,
-        )
+        scan._set(source=self.source, n_input=self.n_input, dropped=self.dropped, camera=None)
         scan._keep(kept, points, origin, self.normals)
-        scan.source_index = _frozen(self.source_index[kept])
+        scan._set(source_index=self.source_index[kept])
         return scan
+
+    def _set(self, **attributes: object) -> None:
+        vars(self).update({name: read_only(value) for name, value in attributes.items()})
 
 
 def _step(values: Array) -> float:
@@ -346,11 +353,6 @@ def _step(values: Array) -> float:
     gaps = np.diff(values)
     multiples = gaps / gaps.min()
     return float(gaps.min()) if (np.abs(multiples - np.round(multiples)) < OFF_STEP).all() else exact
-
-
-def _frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    array.flags.writeable = False
-    return array
 
 
 def checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:

@@ -58,10 +58,10 @@ def check_units(scan: Scan, model_diagonal: float, units: Units = "m") -> Scan:
     if units == "auto":
         logger.warning("%s: %s; taken as %s", scan.source, fault, PLURALS[likely])
         return scan.scaled(METRES[likely])
-    remedy = f"use --units {likely} (units={likely!r})"
+    remedy = f"use units={likely!r} / --units {likely}"
     if scan.camera is not None:
-        remedy = f"its depth scale is {METRES[likely]:g} times what it is said to be (--depth-scale)"
-    way_out = f"if it is in {PLURALS[likely]}, {remedy}, else crop it (--crop)"
+        remedy = f"its depth scale is {METRES[likely]:g} times what it is said to be (scale / --depth-scale)"
+    way_out = f"if it is in {PLURALS[likely]}, {remedy}, else crop it (Scan.cropped / --crop)"
     raise UnitError(scan.source, f"{fault}; {way_out}", METRES[likely])
 
 
@@ -75,7 +75,7 @@ def check_named_unit(scan: Scan, model_diagonal: float, units: Units) -> None:
         raise UnitError(
             scan.source,
             f"in {units} the scan is {ratio:.2g} times as large as the model; it is likely in {likely}: use "
-            f"--units {likely}",
+            f"units={likely!r} / --units {likely}",
             METRES[likely],
         )
 

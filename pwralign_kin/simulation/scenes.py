@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Range, Share, check_increasing
 from pwralign_kin.exceptions import ModelError, ScanError
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array, inverse, transform
@@ -37,62 +38,53 @@ _POLE_SHARE = (0.35, 0.65)
 
 
 @dataclass(frozen=True)
-class Room:
+class Room(CheckedOptions):
     """What stands around the model, and the depth camera that sees it all.
 
-    Lengths are shares of the model's diagonal at q = 0. Up is the root link's +z. Raises `ScanError` for values out of
-    range.
+    Lengths are shares of the model's diagonal at q = 0. Up is the root link's +z. Raises `OptionError` for values out
+    of range.
     """
 
     table: bool = True
     """Whether the model stands on a table, else on the floor."""
 
-    size: tuple[float, float] = (5.0, 8.0)
+    size: tuple[Positive, Positive] = (5.0, 8.0)
     """Least and largest side of the square room."""
 
-    furniture: int = 6
+    furniture: Natural = 6
     """Boxes and cylinders on the floor and the table, apart from the model."""
 
-    contacts: int = 0
+    contacts: Natural = 0
     """Boxes and cylinders pushed against the model."""
 
-    occluders: int = 0
+    occluders: Natural = 0
     """Poles and boxes between the camera and the model."""
 
     second_copy: bool = False
     """Whether another copy of the model, in another configuration, stands farther from the camera. Its points are
     labelled -1, but answers that find it are right too: see `SimulatedScan.copies`."""
 
-    distance: tuple[float, float] = (1.6, 2.8)
+    distance: tuple[Positive, Positive] = (1.6, 2.8)
     """Distance of the camera from the model's middle."""
 
-    columns: int = 320
-    rows: int = 240
-    field_of_view: float = float(np.radians(65.0))
+    columns: Annotated[int, Range(2, 10**4)] = 320
+    rows: Annotated[int, Range(2, 10**4)] = 240
+    field_of_view: Annotated[float, Range(0.01, 3.1)] = float(np.radians(65.0))
     """Across the columns, rad."""
 
-    noise: float = 0.002
+    noise: NotNegative = 0.002
     """Standard deviation of the distance at two diagonals; it grows with the square of the distance."""
 
-    mixed_pixels: float = 0.3
+    mixed_pixels: Share = 0.3
     """Share of the pixels at depth edges that show a depth between the two surfaces (flying pixels)."""
 
-    least_seen: float = 0.5
+    least_seen: Share = 0.5
     """Share of the model's pixels that is neither hidden nor out of the image, where any try reaches it."""
 
     def __post_init__(self) -> None:
         """Check the values."""
-        faults = {
-            "size must be positive and increasing": not 0.0 < self.size[0] <= self.size[1] < np.inf,
-            "distance must be positive and increasing": not 0.0 < self.distance[0] <= self.distance[1] < np.inf,
-            "counts must not be negative": min(self.furniture, self.contacts, self.occluders) < 0,
-            "the image must have pixels": min(self.columns, self.rows) < 2,
-            "field_of_view must be between 0 and pi": not 0.0 < self.field_of_view < np.pi,
-            "noise must not be negative": not 0.0 <= self.noise < np.inf,
-            "mixed_pixels must be in [0, 1]": not 0.0 <= self.mixed_pixels <= 1.0,
-        }
-        if any(faults.values()):
-            raise ScanError("simulated room", "; ".join(fault for fault, holds in faults.items() if holds))
+        super().__post_init__()
+        check_increasing(self, "size", "distance")
 
 
 def simulate_scene(

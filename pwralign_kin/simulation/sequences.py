@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.checked_options import CheckedOptions, NotNegative, Positive
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.simulation.raycasting import MovingBodies, looking_at
@@ -33,25 +33,20 @@ _ROOM = 1.15
 
 
 @dataclass(frozen=True)
-class Motion:
-    """How fast a model moves. Raises `ScanError` for values out of range."""
+class Motion(CheckedOptions):
+    """How fast a model moves. Raises `OptionError` for values out of range."""
 
-    joint_speed: float = 1.0
+    joint_speed: NotNegative = 1.0
     """Largest speed of a joint, rad/s; of a slide, model diagonals / 5 s for each rad/s."""
 
-    base_speed: float = 0.15
+    base_speed: NotNegative = 0.15
     """Largest speed of the base along each axis, model diagonals / s."""
 
-    base_turn: float = 0.3
+    base_turn: NotNegative = 0.3
     """Largest speed of the base about each axis, rad/s."""
 
-    rate: float = 30.0
+    rate: Positive = 30.0
     """Frames per second."""
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if not (min(self.joint_speed, self.base_speed, self.base_turn) >= 0.0 and self.rate > 0.0):
-            raise ScanError("simulated motion", "speeds must not be negative, and the rate must be positive")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files
-from pwralign_kin.exceptions import ModelError, ScanError, UnknownNameError
+from pwralign_kin.checked_options import Seed, checked_number
+from pwralign_kin.exceptions import ArgumentError, ModelError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan, write_ply
 from pwralign_kin.se3 import Array, rotation_about, transform
 from pwralign_kin.simulation.clutter import table_and_solids
 from pwralign_kin.simulation.raycasting import Body, DepthImage, World
-from pwralign_kin.simulation.sensor import FULL, GuessError, Sensor
+from pwralign_kin.simulation.sensor import FULL, GuessOffset, Sensor
 from pwralign_kin.state import State
 
 _PLACEMENT_RANGE = 2.0
@@ -135,12 +135,13 @@ def simulate(
     sensors that differ in their flaws only the same views.
 
     Raises `ModelError` for a model without geometry, `UnknownNameError` for joints, links or missing parts
-    that do not exist, and `ScanError` when too few points are left to make a scan.
+    that do not exist, `OptionError` for a seed out of range, and `ScanError` when too few points are left to make a
+    scan.
     """
     check_seed(seed)
     for value, kind in ((model, ArticulatedModel), (state, State | None), (sensor, Sensor)):
         if not isinstance(value, kind):
-            raise ScanError("simulation", f"expected {getattr(kind, '__name__', 'State')}, got {type(value).__name__}")
+            raise ArgumentError("simulate", getattr(kind, "__name__", "State"), type(value).__name__)
     if not any(len(part.faces) for part in model.parts):
         raise ModelError(model.urdf_path, "the model has no geometry to scan")
     unknown = [name for name in sensor.missing_parts if name not in part_names(model)]
@@ -200,9 +201,8 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 
 def check_seed(seed: int) -> None:
-    """Raise `ScanError` for a seed that cannot be one."""
-    if not isinstance(seed, Integral) or seed < 0:
-        raise ScanError("simulation", f"the seed must be a whole number and not negative, not {seed!r}")
+    """Raise `OptionError` for a seed that cannot be one."""
+    checked_number("seed", seed, Seed)
 
 
 def part_names(model: ArticulatedModel) -> tuple[str, ...]:
@@ -352,16 +352,16 @@ def _with_strays(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) 
     )
 
 
-def _perturbed(model: ArticulatedModel, truth: State, error: GuessError, seed: int) -> State:
-    """Return a state off `truth` by random offsets below those of `error`, within the joint limits."""
+def _perturbed(model: ArticulatedModel, truth: State, most: GuessOffset, seed: int) -> State:
+    """Return a state off `truth` by random offsets up to `most`, within the joint limits."""
     rng = generator(seed, "guess")
     axis, shift = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
     T = truth.T_scan_base.copy()
-    T[:3, :3] = T[:3, :3] @ rotation_about(axis, rng.uniform(0.0, error.rotation))
-    T[:3, 3] += rng.uniform(0.0, error.translation) * model.diagonal * shift
+    T[:3, :3] = T[:3, :3] @ rotation_about(axis, rng.uniform(0.0, most.rotation))
+    T[:3, 3] += rng.uniform(0.0, most.translation) * model.diagonal * shift
     joints = {}
     for index, name in enumerate(model.joint_names):
         lower, upper = float(model.lower[index]), float(model.upper[index])
-        most = error.joint_slide * (upper - lower) if model.units[name] == "m" else error.joint_angle
-        joints[name] = float(np.clip(truth.joints[name] + rng.uniform(-most, most), lower, upper))
+        reach = most.joint_slide * (upper - lower) if model.units[name] == "m" else most.joint_angle
+        joints[name] = float(np.clip(truth.joints[name] + rng.uniform(-reach, reach), lower, upper))
     return State(T, joints, truth.base_link)

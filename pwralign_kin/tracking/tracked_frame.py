@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedFrame:
+class TrackedFrame(ReadOnly):
     """What one frame tells."""
 
     time: float

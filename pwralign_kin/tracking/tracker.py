@@ -10,7 +10,7 @@ import numpy as np
 
 from pwralign_kin import kernels
 from pwralign_kin.estimation import Estimate
-from pwralign_kin.exceptions import ScanError, StateError
+from pwralign_kin.exceptions import ArgumentError, ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, rotation_angle
 from pwralign_kin.state import State
@@ -63,15 +63,13 @@ class Tracker:
         """Prepare for the first frame. Raises what `estimate` raises for options and guesses that do not fit."""
         self.model = model
         if not isinstance(options, TrackerOptions | None):
-            raise StateError(f"options must be TrackerOptions, not {type(options).__name__}")
+            raise ArgumentError("options", "TrackerOptions", type(options).__name__)
         self.options = options or TrackerOptions()
         beside = self.options.time_limit is not None
         self._recovery = Recovery(model, self.options.estimator, beside=beside)
         self._initial = initial
         if initial is not None:
-            if not isinstance(initial, State):
-                raise StateError(f"a tracker starts from a State, not {type(initial).__name__}")
-            model.root_placement(initial), model.values(initial.joints)
+            _check_start(model, initial)
         self._joints = Joints.of(model, self.options.estimator.locked)
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._suspicion = Suspicion(self._fitting, self._joints)
@@ -260,3 +258,11 @@ class Tracker:
     def _state(self, T: Array, values: Array) -> State:
         joints = self.model.within_limits(values * self._joints.unit)
         return State(T, dict(zip(self.model.joint_names, joints.tolist(), strict=True)), self.model.root_link)
+
+
+def _check_start(model: ArticulatedModel, initial: State) -> None:
+    """Raise `ArgumentError` for what is no state, `UnknownNameError` for one that is not of the model."""
+    if not isinstance(initial, State):
+        raise ArgumentError("initial", "a State to start from", type(initial).__name__)
+    model.root_placement(initial)
+    model.values(initial.joints)

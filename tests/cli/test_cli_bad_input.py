@@ -278,6 +278,18 @@ def test_output_that_cannot_be_written(arm: Path, cloud: Path, tmp_path: Path, p
     assert np.array_equal(np.load(cloud), POINTS)
 
 
+def test_output_that_is_in_the_way_is_found_before_the_search(
+    arm: Path, cloud: Path, tmp_path: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pwralign_kin.estimation.estimate", lambda *_, **__: pytest.fail("searched in vain"))
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    outcome = pwralign("estimate", arm, cloud, "--out", tmp_path / "link")
+    assert outcome.code == 1 and "a link to nothing" in outcome.error()
+    (tmp_path / "out" / "state.json").mkdir(parents=True)
+    outcome = pwralign("estimate", arm, cloud, "--out", tmp_path / "out")
+    assert outcome.code == 1 and "cannot write state.json: a folder has that name" in outcome.error()
+
+
 def test_a_full_disk_leaves_the_earlier_result_as_it_was(
     arm: Path, scan: Path, tmp_path: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,7 +350,7 @@ def test_a_scan_that_nothing_can_be_placed_in(arm: Path, tmp_path: Path, pwralig
 
 
 def test_a_scan_in_metres_that_is_said_to_be_in_millimetres(arm: Path, cloud: Path, pwralign: Call) -> None:
-    assert "use --units m" in pwralign("estimate", arm, cloud, "--units", "mm").error()
+    assert "use units='m' / --units m" in pwralign("estimate", arm, cloud, "--units", "mm").error()
 
 
 def test_usage_errors_name_the_verb(arm: Path, pwralign: Call) -> None:

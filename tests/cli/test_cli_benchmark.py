@@ -47,3 +47,11 @@ def test_refusals(pwralign: Call, arguments: tuple[str, ...], word: str) -> None
     outcome = pwralign("benchmark", *arguments)
     assert outcome.code in (1, 2)
     assert word in outcome.error()
+
+
+def test_a_model_that_is_not_found_says_where_it_was_looked_for(
+    tmp_path: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = pwralign("benchmark", "--robots", "laptop", "--tiers", "full", "--methods", "default")
+    assert outcome.code == 1 and f"{tmp_path / 'robots'} (another folder: --samples DIR)" in outcome.error()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import importlib.metadata
 import json
 import os
@@ -9,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -276,3 +277,17 @@ def test_doctor_tries_to_write_the_cache(pwralign: Call, tmp_path: Path, monkeyp
     outcome = pwralign("doctor")
     assert outcome.code == 1
     assert "PWRALIGN_CACHE_DIR" in outcome.out
+
+
+def test_an_interruption_while_libraries_load_is_one(monkeypatch: pytest.MonkeyPatch, pwralign: Call) -> None:
+    real = builtins.__import__
+
+    def interrupted(name: str, *rest: Any, **more: Any) -> Any:
+        if name == "cyclopts":
+            raise KeyboardInterrupt
+        return real(name, *rest, **more)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(builtins, "__import__", interrupted)
+        outcome = pwralign("doctor")
+    assert outcome.code == 130 and outcome.error() == "interrupted"

@@ -84,6 +84,6 @@ def test_refusals(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None
     missing = pwralign("track", arm, tmp_path / "no.npy")
     assert missing.code == 1 and "no such file" in missing.error()
     assert "rate" in pwralign("track", arm, scan, "--rate", 0).error()
-    assert "time limit" in pwralign("track", arm, scan, "--time-limit", -1).error()
+    assert "--time-limit" in pwralign("track", arm, scan, "--time-limit", -1).error()
     (tmp_path / "out").write_text("")
     assert pwralign("track", arm, scan, "--out", tmp_path / "out").code == 1

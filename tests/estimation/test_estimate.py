@@ -14,7 +14,14 @@ import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences, second_looks
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.exceptions import CorrespondenceError, ScanError, StateError, UnitError, UnknownNameError
+from pwralign_kin.exceptions import (
+    ArgumentError,
+    CorrespondenceError,
+    ScanError,
+    StateError,
+    UnitError,
+    UnknownNameError,
+)
 from pwralign_kin.se3 import exp
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
@@ -237,7 +244,7 @@ def test_unknown_joints_are_named() -> None:
         ({"prior": [1.0]}, "prior must map"),
         ({"prior_std": {"elbow": None}}, "elbow"),
         ({"prior_std": {"elbow": 0.1}}, "prior={'elbow': ...}"),
-        ({"prior_std": {"elbow": 0.1}, "prior": {"wrist": 0.1}}, "give its value too"),
+        ({"prior_std": {"elbow": 0.1}, "prior": {"wrist": 0.1}}, "give the value of 'elbow' too"),
         ({"locked": "elbow"}, "several names"),
         ({"sources": "pairs"}, "several names"),
         ({"search": None}, "SearchOptions"),
@@ -250,21 +257,21 @@ def test_options_out_of_range_are_refused(wrong: dict[str, Any], fault: str) -> 
 
 
 def test_points_are_no_scan(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
-    with pytest.raises(StateError, match=r"Scan\(points\)"):
+    with pytest.raises(ArgumentError, match=r"Scan\(points\)"):
         pk.estimate(arm, full_scan.scan.points)  # type: ignore[call-overload]
-    with pytest.raises(StateError, match="ndarray"):
+    with pytest.raises(ArgumentError, match="ndarray"):
         pk.estimate(arm, full_scan.scan, initial=np.eye(4))  # type: ignore[call-overload]
 
 
 def test_a_path_is_no_model(full_scan: SimulatedScan) -> None:
-    with pytest.raises(StateError, match="from_urdf"):
+    with pytest.raises(ArgumentError, match="from_urdf"):
         pk.estimate("arm.urdf", full_scan.scan)  # type: ignore[call-overload]
 
 
 def test_one_scan_and_one_set_of_joints_are_no_calibration(arm: pk.ArticulatedModel, full_scan: SimulatedScan) -> None:
-    with pytest.raises(StateError, match="sequence of scans"):
+    with pytest.raises(ArgumentError, match="sequence of scans"):
         pk.calibrate(arm, full_scan.scan, [full_scan.state])  # type: ignore[arg-type]
-    with pytest.raises(StateError, match="sequence of scans"):
+    with pytest.raises(ArgumentError, match="sequence of scans"):
         pk.calibrate(arm, [full_scan.scan], full_scan.state)  # type: ignore[arg-type]
 
 

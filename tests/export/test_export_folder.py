@@ -16,6 +16,7 @@ from PIL import Image
 
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError, UnknownNameError
+from pwralign_kin.export import FILES as ALL_FILES
 from pwralign_kin.export import export, overlay
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
@@ -40,7 +41,7 @@ def folder(
 ) -> Path:
     folder = tmp_path_factory.mktemp("out") / "deep" / "result"
     written = export(case[0], bot, case[1], folder)
-    assert {path.name for path in written} == FILES
+    assert {path.name for path in written} == FILES == set(ALL_FILES)
     assert all(path.parent == folder and path.stat().st_size for path in written)
     return folder
 

@@ -529,3 +529,9 @@ def test_every_example_robot_reads(wheel_folder: Path) -> None:
         except ModelError as error:
             refused[path.name] = error.faults[0]
     assert set(refused) <= {"alex_psyonic_hands.urdf", "ur3.urdf"}, refused
+
+
+def test_the_text_of_a_urdf_is_no_path() -> None:
+    with pytest.raises(ModelError, match="expected the path of a file") as caught:
+        ArticulatedModel.from_urdf("<?xml version='1.0'?>\n<robot name='arm'><link name='base'/></robot>")
+    assert "robot name" not in str(caught.value)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import OptionError, ScanError, StateError, UnknownNameError
 from pwralign_kin.scan import DepthFrame, FrameOptions, Scan, read_frames
 
 CAMERA = (100.0, 100.0, 9.5, 4.5)
@@ -114,7 +114,7 @@ def test_what_is_no_frame(tmp_path: Path) -> None:
     np.save(tmp_path / "b.npy", _cloud(0))
     with pytest.raises(ScanError, match="several kinds"):
         read_frames([tmp_path])
-    with pytest.raises(ScanError, match="rate"):
+    with pytest.raises(OptionError, match="rate"):
         FrameOptions(rate=0.0)
     with pytest.raises(ScanError, match=r"\(h, w\)"):
         DepthFrame(np.ones(5), np.array(CAMERA))

@@ -273,3 +273,11 @@ def test_a_scan_can_be_said_to_be_seen_from_somewhere() -> None:
     scan = Scan(points).with_sensor_origin(np.array([0.0, 0.0, 5.0]))
     assert np.array_equal(np.asarray(scan.sensor_origin), [0.0, 0.0, 5.0])
     assert np.array_equal(scan.points, points)
+
+
+def test_a_new_sensor_origin_is_checked() -> None:
+    scan = Scan(np.random.default_rng(0).random((50, 3)))
+    assert np.array_equal(scan.with_sensor_origin((1, 2, 3)).sensor_origin, [1.0, 2.0, 3.0])
+    for wrong in ((1.0, 2.0), (np.nan, 0.0, 0.0), "here", np.zeros((4, 3))):
+        with pytest.raises(ScanError, match=r"sensor.origin"):
+            scan.with_sensor_origin(wrong)  # type: ignore[arg-type]

@@ -597,6 +597,13 @@ def test_a_sequence_of_frames_is_no_scan(tmp_path: Path) -> None:
         Scan.load(tmp_path / "sequence.npz")
 
 
+@pytest.mark.parametrize("row", ["0,1 0,2 0,3", "0,1\t-0,2\t-0,3", "-10,5 20,5 30,5 255 255 255"])
+def test_decimal_commas_between_spaces_are_named(row: str, tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text(f"{row}\n" * 20)
+    with pytest.raises(ScanError, match=r"line 1: .*: write decimal points, not commas"):
+        Scan.load(tmp_path / "a.xyz")
+
+
 def test_decimal_commas_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("0,1;0,2;0,3\n" * 20)
     with pytest.raises(ScanError, match="line 1: '0,1' is not a number: write decimal points"):

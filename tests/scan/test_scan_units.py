@@ -86,7 +86,7 @@ def test_millimetres_converted_on_loading_are_not_questioned(tmp_path) -> None: 
     assert np.allclose(scan.points, metres)
     assert scan.sensor_origin is not None and np.allclose(scan.sensor_origin, [0.5, 0.0, 0.0])
     assert check_units(scan, DIAGONAL, "mm") is scan
-    as_they_are = Scan.load(tmp_path / "scan.npy", units="auto")
+    as_they_are = Scan.load(tmp_path / "scan.npy", units=None)
     assert np.allclose(check_units(as_they_are, DIAGONAL, "auto").points, metres)
 
 
@@ -97,14 +97,14 @@ def test_a_model_without_size_raises() -> None:
 
 def test_an_unknown_unit_raises(tmp_path) -> None:  # type: ignore[no-untyped-def]
     np.save(tmp_path / "scan.npy", surface(1.0, 100))
-    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, auto"):
+    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, None to keep the numbers"):
         Scan.load(tmp_path / "scan.npy", units="inch")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("cm", 0.01), ("in", 0.0254)])
 def test_other_units_are_told_too(unit: str, metres: float, tmp_path: Path) -> None:
     np.save(tmp_path / "scan.npy", surface(DIAGONAL / metres, 2000))
-    scan = Scan.load(tmp_path / "scan.npy", units="auto")
+    scan = Scan.load(tmp_path / "scan.npy", units=None)
     assert likely_unit(scan, DIAGONAL) == unit
     with pytest.raises(UnitError, match=f"--units {unit}"):
         check_units(scan, DIAGONAL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import OptionError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import Room, simulate_scene
@@ -64,5 +64,5 @@ def test_what_is_pushed_against_the_model_touches_it(crane: ArticulatedModel) ->
 
 @pytest.mark.parametrize("fault", [{"size": (2.0, 1.0)}, {"furniture": -1}, {"noise": -1.0}, {"field_of_view": 4.0}])
 def test_impossible_rooms_are_refused(fault: dict[str, object]) -> None:
-    with pytest.raises(ScanError):
+    with pytest.raises(OptionError, match=f"Room.{next(iter(fault))}"):
         Room(**fault)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import OptionError
 from pwralign_kin.simulation import Motion, simulate_sequence, smooth_motion
 
 
@@ -51,7 +51,7 @@ def test_a_board_hides_everything_for_a_while(crane: pk.ArticulatedModel) -> Non
 
 
 def test_faults(crane: pk.ArticulatedModel) -> None:
-    with pytest.raises(ScanError, match="rate"):
+    with pytest.raises(OptionError, match="rate"):
         Motion(rate=0.0)
-    with pytest.raises(ScanError, match="seed"):
+    with pytest.raises(OptionError, match="seed"):
         smooth_motion(crane, 3, Motion(), seed=-1)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pwralign_kin.exceptions import ModelError, ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import ArgumentError, ModelError, OptionError, ScanError, StateError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import inverse, rotation_angle, transform
-from pwralign_kin.simulation import TIERS, GuessError, Sensor, random_state, simulate
+from pwralign_kin.simulation import TIERS, GuessOffset, Sensor, random_state, simulate
 from pwralign_kin.state import State
 
 pytest.importorskip("open3d", reason="ray casting needs Open3D and its system libraries", exc_type=ImportError)
@@ -222,10 +222,10 @@ def test_tiers_have_the_figures_of_the_benchmark(crane: ArticulatedModel) -> Non
 
 
 def test_guesses_lie_off_the_truth_by_no_more_than_asked(crane: ArticulatedModel) -> None:
-    error = GuessError()
+    most = GuessOffset()
     rotations, shifts, angles, slides = [], [], [], []
     for seed in range(20):
-        simulated = simulate(crane, sensor=Sensor(views=1, points=300, guess=error), seed=seed)
+        simulated = simulate(crane, sensor=Sensor(views=1, points=300, guess=most), seed=seed)
         guess, truth = simulated.guess, simulated.state
         assert guess is not None
         rotations.append(rotation_angle(truth.T_scan_base[:3, :3].T @ guess.T_scan_base[:3, :3]))
@@ -234,9 +234,9 @@ def test_guesses_lie_off_the_truth_by_no_more_than_asked(crane: ArticulatedModel
         slides.append(abs(guess.joints["slide"] - truth.joints["slide"]) / 0.3)
         values = crane.values(guess.joints)
         assert (values >= crane.lower).all() and (values <= crane.upper).all()
-    for offsets, most in ((rotations, error.rotation), (shifts, 0.08), (angles, 0.35), (slides, 0.15)):
-        assert max(offsets) <= most + 1e-9
-        assert max(offsets) > 0.5 * most
+    for offsets, reach in ((rotations, most.rotation), (shifts, 0.08), (angles, 0.35), (slides, 0.15)):
+        assert max(offsets) <= reach + 1e-9
+        assert max(offsets) > 0.5 * reach
 
 
 def test_random_states_fill_the_limits_and_turn_the_base_every_way(crane: ArticulatedModel) -> None:
@@ -285,20 +285,24 @@ def test_saved_scans_come_back(crane: ArticulatedModel, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "fault"),
     [
-        ({"views": 0}, "views must be at least 1"),
-        ({"points": 0}, "points must be at least 1"),
-        ({"distance": (2.0, 1.0)}, "distance must be"),
-        ({"noise": -0.1}, "noise must not be negative"),
-        ({"noise": float("nan")}, "noise must not be negative"),
-        ({"bend": -0.1}, "bend must not be negative"),
-        ({"stray": -1.0}, "stray must not be negative"),
-        ({"mixed_pixels": 1.5}, "mixed_pixels must be in"),
-        ({"missing_random_parts": -1}, "missing_random_parts must not"),
-        ({"missing_share": 1.0}, "missing_share must be in"),
+        ({"views": 0}, "views must be a whole number from 1"),
+        ({"points": 0}, "points must be a whole number from 1"),
+        ({"distance": (2.0, 1.0)}, "distance must be the lesser number, then the greater"),
+        ({"distance": (0.0, 1.0)}, r"distance\[0\] must be a finite number above 0"),
+        ({"distance": 1.0}, "distance must be 2 numbers"),
+        ({"noise": -0.1}, "noise must be a finite number from 0"),
+        ({"noise": float("nan")}, "noise must be a finite number from 0"),
+        ({"bend": -0.1}, "bend must be"),
+        ({"stray": -1.0}, "stray must be"),
+        ({"mixed_pixels": 1.5}, "mixed_pixels must be a number from 0 to 1, not 1.5"),
+        ({"missing_random_parts": -1}, "missing_random_parts must be"),
+        ({"missing_share": 1.0}, "missing_share must be"),
+        ({"missing_parts": "boom"}, "missing_parts must be several names"),
+        ({"guess": 0.1}, r"guess must be GuessOffset\(...\)"),
     ],
 )
 def test_sensors_out_of_range_raise(values: dict[str, object], fault: str) -> None:
-    with pytest.raises(ScanError, match=fault):
+    with pytest.raises(OptionError, match=f"Sensor.{fault}"):
         Sensor(**values)  # type: ignore[arg-type]
 
 
@@ -313,8 +317,11 @@ def test_what_cannot_be_scanned_raises(crane: ArticulatedModel) -> None:
         simulate(crane, sensor=Sensor(missing_random_parts=4))
     with pytest.raises(ScanError, match=r"simulated crane: .*no points"):
         simulate(crane, sensor=Sensor(missing_parts=("base", "tower", "boom", "hook")))
-    with pytest.raises(ScanError, match="seed must be a whole number"):
-        simulate(crane, seed=-1)
+    for seed in (-1, 2**32):
+        with pytest.raises(OptionError, match="seed must be a whole number from 0 to 4294967295"):
+            simulate(crane, seed=seed)
+    with pytest.raises(ArgumentError, match="expected State, got dict"):
+        simulate(crane, state={})  # type: ignore[arg-type]
 
 
 def test_a_model_without_geometry_raises(tmp_path: Path) -> None:

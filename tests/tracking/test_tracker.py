@@ -12,7 +12,7 @@ import pytest
 from hidden_forearm import Frames, errors, forearm_hidden
 
 import pwralign_kin as pk
-from pwralign_kin.exceptions import ScanError, StateError, UnknownNameError
+from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
 from pwralign_kin.se3 import exp, inverse, rotation_angle
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
 from pwralign_kin.simulation.sequences import Motion as FastMotion
@@ -127,10 +127,11 @@ def test_covariance_tells_what_the_frame_does_not(arm: pk.ArticulatedModel, movi
 
 
 def test_faults(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    with pytest.raises(StateError, match="time limit"):
+    with pytest.raises(OptionError, match="time_limit"):
         pk.TrackerOptions(time_limit=0.0)
-    with pytest.raises(StateError, match="100 points"):
-        pk.TrackerOptions(points=3)
+    for points in (3, 10**9, 1000.5):
+        with pytest.raises(OptionError, match="points must be a whole number from 100"):
+            pk.TrackerOptions(points=points)  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="elbow"):
         pk.Tracker(arm, pk.TrackerOptions(estimator=pk.EstimatorOptions(locked=("elbov",))))
     with pytest.raises(UnknownNameError):
@@ -311,7 +312,7 @@ def test_what_was_never_found_is_not_known(arm: pk.ArticulatedModel, moving: Fra
 
 
 def test_arguments_of_other_kinds_are_refused(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    with pytest.raises(StateError, match="State"):
+    with pytest.raises(ArgumentError, match="State"):
         pk.Tracker(arm, initial="state.json")  # type: ignore[arg-type]
     with pytest.raises(ScanError, match="'a'"):
         pk.Tracker(arm).update(moving[0].images[0], "a")  # type: ignore[arg-type]

@@ -361,8 +361,8 @@ class AnswerSearch:
             return CorrespondenceError("estimate", fault)
         return CorrespondenceError(
             "estimate",
-            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit (--units), and of "
-            "more than a line, a plane or a ball? A guess (--base, --initial) is tried all the same",
+            "nothing in the scan can be a part of the model: is it a scan of it, in the right unit, and of "
+            "more than a line, a plane or a ball? A guess (initial / --base, --initial) is tried all the same",
         )
 
 

@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Positive
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.files import check_path
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.scan.readers import member, numpy_content
 from pwralign_kin.se3 import Array, inverse, transform
 
@@ -22,7 +24,7 @@ Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Correspondences:
+class Correspondences(ReadOnly):
     """Pairs of a point on the model and the scan point it is believed to be.
 
     Raises `CorrespondenceError` when shapes do not match, values are not finite or no weight is positive.
@@ -45,6 +47,7 @@ class Correspondences:
             if not np.isfinite(value).all():
                 raise CorrespondenceError("correspondences", f"{name} holds values that are not finite")
             object.__setattr__(self, name, value)
+        super().__post_init__()
         count = self.weight.size
         if self.source.shape != (count, 3) or self.target.shape != (count, 3) or self.weight.shape != (count,):
             raise CorrespondenceError(
@@ -80,14 +83,14 @@ class Correspondences:
 
 
 @dataclass(frozen=True)
-class FpfhMatcher:
+class FpfhMatcher(CheckedOptions):
     """Fast point feature histograms (Rusu et al., ICRA 2009) of every part on its own, matched to the scan's."""
 
-    radius: float = 0.08
+    radius: Positive = 0.08
     """Feature neighbourhood, model diagonals."""
-    samples: int = 400
+    samples: Count = 400
     """Model points per part."""
-    matches: int = 3
+    matches: Count = 3
     """Scan points offered to each model point."""
 
     def match(self, model: ArticulatedModel, observation: Observation, parts: Sequence[int]) -> Correspondences:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, NotNegative
 from pwralign_kin.estimation.sensing.observation import Observation
-from pwralign_kin.exceptions import StateError, UnknownNameError
+from pwralign_kin.exceptions import OptionError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, as_floats, checked_placement, inverse, rotation_about
 
@@ -35,32 +35,34 @@ NEAR_TURN, NEAR_DISTANCE = 0.35, 0.15
 
 
 @dataclass(frozen=True)
-class BasePrior:
+class BasePrior(CheckedOptions):
     """What is known of the base placement; every part of it may be left out.
 
     A fixed base is `T_scan_base` alone, a rough guess `T_scan_base` with standard deviations, a known position
-    `T_scan_base` with `rotation_std=None`. Raises `StateError` for values that make no sense.
+    `T_scan_base` with `rotation_std=None`. Raises `OptionError` for values that make no sense, `StateError` for
+    a placement that is not rigid.
     """
 
     T_scan_base: Sequence[Sequence[float]] | Array | None = None
     """(4, 4) where `base_link` is, m."""
     base_link: str | None = None
     """The link that `T_scan_base` and `base_up` speak of, one that no joint moves; None: the root link."""
-    translation_std: float = 0.0
+    translation_std: NotNegative = 0.0
     """Standard deviation of each coordinate of the translation, m; 0: exact."""
-    rotation_std: float | None = 0.0
+    rotation_std: NotNegative | None = 0.0
     """Standard deviation of the rotation about each axis, rad; 0: exact; None: nothing is known of the rotation."""
     up: Vector | None = None
     """Direction in the scan frame that is up (against gravity), of any length."""
     base_up: Vector = (0.0, 0.0, 1.0)
     """Direction in the base link's frame that is up."""
-    up_std: float = float(np.radians(3.0))
+    up_std: NotNegative = float(np.radians(3.0))
     """Standard deviation of the angle between the two, rad."""
     region: tuple[Vector, Vector] | None = None
     """Least and greatest corner of a box in the scan frame that holds the root link's origin, m."""
 
     def __post_init__(self) -> None:
         """Check the fields and turn them into plain values."""
+        super().__post_init__()
         if self.T_scan_base is not None:
             T = checked_placement(self.T_scan_base, "T_scan_base of the base's prior")
             object.__setattr__(self, "T_scan_base", tuple(map(tuple, T.tolist())))
@@ -68,21 +70,17 @@ class BasePrior:
             if getattr(self, name) is not None:
                 direction = checked_numbers(getattr(self, name), name, (3,))
                 if np.linalg.norm(direction) < 1e-9:
-                    raise StateError(f"{name} must have a length")
+                    raise OptionError(name, getattr(self, name), "a direction of some length")
                 object.__setattr__(self, name, tuple(direction.tolist()))
         if self.region is not None:
             object.__setattr__(self, "region", checked_box(self.region, "the base's region"))
-        stds = {"translation_std": self.translation_std, "rotation_std": self.rotation_std, "up_std": self.up_std}
-        for name, std in stds.items():
-            if std is not None and not (isinstance(std, Real) and np.isfinite(std) and std >= 0):
-                raise StateError(f"{name} must be a finite number and not negative, not {std}")
 
     def in_search_units(
         self, model: ArticulatedModel, observation: Observation, values: Array, std: Array
     ) -> SearchPrior:
         """Return what the search takes, with the prior `values` and `std` (k,) of the joints in search units.
 
-        Raises `StateError` and `UnknownNameError` when the link does not fit the model.
+        Raises `OptionError` and `UnknownNameError` when the link does not fit the model.
         """
         T_root_base = placement_in_root(model, self.base_link)
         placement = None
@@ -172,33 +170,33 @@ class SearchPrior:
 
 
 def placement_in_root(model: ArticulatedModel, link: str | None) -> Array:
-    """Return T_root_link (4, 4) of a link welded to the root; raises `UnknownNameError` or `StateError` for others."""
+    """Return T_root_link (4, 4) of a link welded to the root; raises `UnknownNameError` or `OptionError` for others."""
     if link in (None, model.root_link):
         return np.eye(4)
     if link not in model.T_part_link:
         raise UnknownNameError("link", str(link), model.T_part_link)
     part, T_root_base = model.T_part_link[link]
     if part != 0:
-        raise StateError(f"link {link!r} moves with the joints: only links welded to the root say where the base is")
+        raise OptionError("base_link", link, "a link that no joint moves: only those say where the base is")
     return np.asarray(T_root_base)
 
 
 def checked_box(value: Any, name: str) -> tuple[Vector, Vector]:
-    """Return a least and a greatest corner as plain numbers. Raises `StateError` for anything else."""
+    """Return a least and a greatest corner as plain numbers. Raises `OptionError` for anything else."""
     low, high = checked_numbers(value, name, (2, 3)).tolist()
     if any(least > most for least, most in zip(low, high, strict=True)):
-        raise StateError(f"{name} must be a least and a greatest corner, in this order, not {value!r}")
+        raise OptionError(name, value, "a least and a greatest corner, in this order")
     return tuple(low), tuple(high)
 
 
 def checked_numbers(value: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return `value` as an array of the given shape. Raises `StateError` for anything else."""
+    """Return `value` as an array of the given shape. Raises `OptionError` for anything else."""
     try:
         array = as_floats(value)
     except (TypeError, ValueError):
-        raise StateError(f"{name} is not made of numbers: {value!r}") from None
+        array = np.empty(0)
     if array.shape != shape or not np.isfinite(array).all():
-        raise StateError(f"{name} must be {' x '.join(map(str, shape))} finite numbers, not {value!r}")
+        raise OptionError(name, value, f"{' x '.join(map(str, shape))} finite numbers")
     return array
 
 

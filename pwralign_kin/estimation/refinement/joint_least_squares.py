@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
+from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Threshold
 from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -53,33 +54,33 @@ LEAST_OUTLINED = 100
 
 
 @dataclass(frozen=True)
-class LeastSquaresOptions:
+class LeastSquaresOptions(CheckedOptions):
     """How the joint least squares runs. Lengths in model diagonals."""
 
     enabled: bool = True
     """Off: the answer of the batch refinement stands."""
     bounds: bool = True
     """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
-    iterations: int = 30
-    least_sigma: float = 0.005
-    sigmas: float = 2.0
+    iterations: Natural = 30
+    least_sigma: Positive = 0.005
+    sigmas: NotNegative = 2.0
     """Robust scale in standard deviations of the scan's noise; at least `least_sigma` and the residuals' own."""
-    kernel_sigmas: float = 4.0
+    kernel_sigmas: NotNegative = 4.0
     """Least scale of the robust kernel in the same: a narrower one throws much of what noisy points tell away."""
-    support_weight: float = 0.05
+    support_weight: NotNegative = 0.05
     """Weight of model samples pulled by the scan, against scan points pulled by the model."""
-    reach: float = 3.0
+    reach: Positive = 3.0
     """Correspondences farther than this many robust scales do not count."""
-    noisy: float = 0.003
+    noisy: Threshold = 0.003
     """Noise from which a scan fused of several views is fitted to all surface near its points (`surface_mixture`)."""
     silhouette: bool = True
     """Whether the model's outline is fitted to that of a scan seen from one place."""
-    most_silhouette: float = 6.0
+    most_silhouette: NotNegative = 6.0
     """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
-    damping: float = 1e-6
-    most_turn: float = 0.1
+    damping: NotNegative = 1e-6
+    most_turn: Positive = 0.1
     """Largest step of a rotation, rad."""
-    tolerance: float = 5e-5
+    tolerance: NotNegative = 5e-5
     """A step that displaces the matched surface of every part by less than this (rms) is the last."""
 
 

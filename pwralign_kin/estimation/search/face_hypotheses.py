@@ -10,6 +10,7 @@ from itertools import product
 
 import numpy as np
 
+from pwralign_kin.checked_options import CheckedOptions, Count, NotNegative, Positive, Share
 from pwralign_kin.estimation.search.candidates import Hypotheses
 from pwralign_kin.estimation.search.tree_search import Ints, TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation
@@ -18,25 +19,25 @@ from pwralign_kin.se3 import Array, inverse
 
 
 @dataclass(frozen=True)
-class FaceOptions:
+class FaceOptions(CheckedOptions):
     """Which faces are laid onto each other. Lengths in model diagonals."""
 
-    least_area: float = 0.01
-    tolerance: float = 0.01
+    least_area: NotNegative = 0.01
+    tolerance: Positive = 0.01
     """Distance of a scan point from the plane of its patch, without noise; three times the noise is added."""
-    links: float = 2.5
+    links: Positive = 2.5
     """Distance of neighbouring points of one patch in point spacings."""
-    slack: float = 0.03
+    slack: NotNegative = 0.03
     """Difference of two sides that are the same."""
-    surplus: float = 0.1
+    surplus: NotNegative = 0.1
     """How much longer than a face its patch may be: other surface lies in the same plane beside it."""
-    least_side: float = 0.4
+    least_side: Share = 0.4
     """Share of a side of a face that a patch of it shows at least."""
-    screened: int = 60
+    screened: Count = 60
     """Poses of each part that are aligned with the scan, ..."""
-    kept: int = 6
+    kept: Count = 6
     """... and kept, ..."""
-    scene_kept: int = 16
+    scene_kept: Count = 16
     """... and in each region of a scene, where other things look like parts."""
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -26,25 +27,25 @@ PROBES = 8
 
 
 @dataclass(frozen=True)
-class ReinterpretationOptions:
+class ReinterpretationOptions(CheckedOptions):
     """How many readings of a surface are looked at. Lengths in model diagonals."""
 
-    ways: int = 64
+    ways: Count = 64
     """Placements that a part of a model of few parts is tried in: its own ways round first, then those in the places of
     parts like it."""
-    turned: int = 64
+    turned: Natural = 64
     """Readings of such a model, each for another turn of one part, the nearest to the old surface first."""
-    same: float = 0.003
+    same: NotNegative = 0.003
     """Sum of the displacements of all parts up to which a reading has the old surface, ..."""
-    apart: float = 0.15
+    apart: NotNegative = 0.15
     """... and beyond which it has little of it."""
-    turn_cost: float = 0.001
+    turn_cost: NotNegative = 0.001
     """Displacement that each part counts for that is turned or in another's place: of equal readings the nearest."""
-    regrown: int = 2
+    regrown: Natural = 2
     """Ways in which what hangs on a turned part is grown anew."""
-    refined: int = 2
+    refined: Count = 2
     """Readings of each turned part that are refined."""
-    kept: int = 12
+    kept: Count = 12
     """Readings that are worth a look at every point."""
 
 

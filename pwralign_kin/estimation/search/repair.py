@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, misfits, voted
@@ -25,39 +26,39 @@ FACING = 0.9
 
 
 @dataclass(frozen=True)
-class RepairOptions:
+class RepairOptions(CheckedOptions):
     """How hard wrong answers are repaired."""
 
-    rounds: int = 10
-    solutions: int = 4
+    rounds: Natural = 10
+    solutions: Count = 4
     """Distinct solutions that are repaired side by side, ..."""
-    early_rounds: int = 2
+    early_rounds: Natural = 2
     """... for so many rounds; after that only the best ..."""
-    late_solutions: int = 2
-    gain: float = 0.006
+    late_solutions: Count = 2
+    gain: NotNegative = 0.006
     """A round without this gain of score is the last."""
-    margin: float = 0.12
+    margin: NotNegative = 0.12
     """Solutions worse than the best by more than this are not worth repairing."""
-    alternatives: int = 16
+    alternatives: Count = 16
     """Regrown configurations kept per move."""
-    refined: int = 8
+    refined: Count = 8
     """Moves per solution that are refined, ..."""
-    varied: int = 8
+    varied: Natural = 8
     """... and others that change whole limbs: before it is refined, a limb brought to its place scores less than the
     many moves that change next to nothing, ..."""
-    hopeful: float = 0.06
+    hopeful: NotNegative = 0.06
     """... if they score, before that, no worse than the best solution by more than this."""
-    narrow: int = 6
+    narrow: Natural = 6
     """Moves, the best before refinement, that are refined from a narrow scale too: it does not undo what a sweep got
     right."""
-    held_limbs: int = 16
+    held_limbs: Natural = 16
     """Joints about which all the rest is swept or grown anew, those first that most of the model's surface hangs on."""
-    turned_parts: int = 3
+    turned_parts: Count = 3
     """Largest parts that are turned by half a revolution and, where they are thin, slid across by their thickness."""
-    unexplained: float = 0.006
+    unexplained: Share = 0.006
     """Share of scan points far from the model below which nothing is missing, and only the best solution is
     repaired, ..."""
-    much_unexplained: float = 0.1
+    much_unexplained: Share = 0.1
     """... and above which every solution has votes, not only the foremost: which one that is says little yet."""
     votes: VoteOptions = field(default_factory=VoteOptions)
 

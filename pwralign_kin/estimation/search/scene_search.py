@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Positive, Share
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.continuation import continued
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, face_hypotheses
@@ -20,59 +21,59 @@ place: it draws its hypotheses from all that is there."""
 
 
 @dataclass(frozen=True)
-class SceneSearchOptions:
+class SceneSearchOptions(CheckedOptions):
     """How much is tried in every region, and how closely the best answers of all are looked at."""
 
-    convincing: float = 0.4
+    convincing: NotNegative = 0.4
     """An answer is convincing if it explains this share of what the model usually shows, ..."""
-    unexplained: float = 0.2
+    unexplained: Share = 0.2
     """... and leaves no more than this of what is near it unexplained: things may touch it."""
-    continued: float = 0.3
+    continued: Share = 0.3
     """... Of its edges, this share at most has surface that goes on beyond: right answers in simulated rooms have 0.11
     at most, and 0.25 where a real sensor widens outlines."""
-    sound: float = 0.3
+    sound: NotNegative = 0.3
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
-    confident: float = 0.2
+    confident: NotNegative = 0.2
     """Confidence below which a further search is worth it however sound the answer, ..."""
-    sure: float = 0.5
+    sure: NotNegative = 0.5
     """... and below which, before that, another close look at the answer is."""
-    further: float = 4.0
+    further: Positive = 4.0
     """How many times as much is tried in every further search."""
-    regions: int = 12
+    regions: Count = 12
     """Regions searched, the largest."""
-    anchors: int = 600
+    anchors: Count = 600
     """Scan points that hypotheses of each part start from, shared among the regions by the root of their area."""
-    least_anchors: int = 60
-    more: float = 1.0
+    least_anchors: Count = 60
+    more: Positive = 1.0
     """How many times as many hypotheses of each part are kept as the search says."""
-    roots: int = 400
+    roots: Count = 400
     """Part hypotheses that are grown, shared alike."""
-    least_roots: int = 8
-    grown: int = 4
+    least_roots: Count = 8
+    grown: Count = 4
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
-    refined: int = 120
+    refined: Count = 120
     """Configurations that are refined, shared alike."""
-    least_refined: int = 4
-    iterations: int = 8
+    least_refined: Count = 4
+    iterations: Natural = 8
     """Iterations of the refinement before the regions are compared."""
-    kept: int = 16
+    kept: Count = 16
     """Configurations that are refined to the end: the best, ..."""
-    kept_per_region: int = 2
+    kept_per_region: Count = 2
     """... so many of each region, ..."""
-    kept_by_coverage: int = 8
+    kept_by_coverage: Count = 8
     """... and those that explain most: before they are refined, true ones stand in free space a little."""
-    leaders: int = 8
+    leaders: Count = 8
     """Configurations that are looked at closely, until one is convincing, ..."""
-    apart: float = 0.1
+    apart: NotNegative = 0.1
     """... their surfaces farther than this from each other, ..."""
-    focus: float = 0.35
+    focus: NotNegative = 0.35
     """... with the points this near (model diagonals) to each of them."""
-    finalists: int = 2
+    finalists: Count = 2
     """Looks, the best, whose answers are repaired, until one is convincing, ..."""
-    gained: float = 0.15
+    gained: NotNegative = 0.15
     """... as long as what repair gains of the scores lets the next overtake it, ..."""
-    rounds: int = 2
+    rounds: Natural = 2
     """... and rounds of repair that they get in the scene after that."""
 
     def scaled(self, factor: float) -> SceneSearchOptions:

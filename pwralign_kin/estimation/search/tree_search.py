@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Positive, Range, Share
 from pwralign_kin.estimation.knowledge.correspondences import OrientedPairs
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
@@ -44,81 +45,81 @@ MOST_REACH = 0.9 * BAND
 
 
 @dataclass(frozen=True)
-class SearchOptions:
+class SearchOptions(CheckedOptions):
     """How many hypotheses are made and kept, and how they are grown and scored. Lengths in model diagonals."""
 
-    root_parts: int = 7
+    root_parts: Count = 7
     """The largest parts that hypotheses start from."""
-    hypotheses_per_part: int = 12
-    scene_hypotheses_per_part: int = 28
+    hypotheses_per_part: Count = 12
+    scene_hypotheses_per_part: Count = 28
     """The same in each region of a scene, where other things look like parts."""
-    roots: int = 60
+    roots: Count = 60
     """Part hypotheses that are grown into whole configurations."""
-    many_parts: int = 16
+    many_parts: Natural = 16
     """Models with more parts than this get `more_*` in addition."""
-    halvings: int = 3
+    halvings: Annotated[int, Range(0, 20)] = 3
     """How often a scan that has no convincing answer is halved into pieces with hypotheses of their own, ..."""
-    anchors_per_piece: int = 50
-    roots_per_piece: int = 40
+    anchors_per_piece: Count = 50
+    roots_per_piece: Count = 40
     """... and how many of these are grown, of each piece."""
-    same_root: float = 0.015
+    same_root: NotNegative = 0.015
     """Mean displacement of a part within which a further search does not grow a hypothesis again."""
-    more_root_parts: int = 4
-    more_hypotheses: int = 3
-    more_roots: int = 30
-    more_refined: int = 12
-    angle_step: float = float(np.radians(6))
+    more_root_parts: Natural = 4
+    more_hypotheses: Natural = 3
+    more_roots: Natural = 30
+    more_refined: Natural = 12
+    angle_step: Annotated[float, Range(float(np.radians(0.1)), np.pi)] = float(np.radians(6))
     """Step of the sweep of a revolute joint, rad."""
-    beam: int = 8
+    beam: Count = 8
     """States kept along a chain."""
-    modes: int = 5
+    modes: Count = 5
     """Values kept of each joint."""
-    branch_beam: int = 2
+    branch_beam: Count = 2
     """States kept at a branching."""
-    wide_beam: int = 96
+    wide_beam: Count = 96
     """The same from a known base."""
-    wide_modes: int = 16
-    wide_branch_beam: int = 3
-    refined: int = 24
+    wide_modes: Count = 16
+    wide_branch_beam: Count = 3
+    refined: Count = 24
     """Grown configurations that are refined together."""
-    refine_points: int = 900
-    fine_points: int = 1500
-    lacking: float = 0.6
+    refine_points: Count = 900
+    fine_points: Count = 1500
+    lacking: NotNegative = 0.6
     """A part that explains less than this, against the average of all parts, may be wrong."""
-    scene_points: int = 4
+    scene_points: Count = 4
     """How many times as many points of a scene are used, ..."""
-    near_points: int = 2
+    near_points: Count = 2
     """... and of what is near to one candidate."""
-    sift_points: int = 800
+    sift_points: Count = 800
     """Scan points that decide which of many candidates are worth refining."""
-    support_weight: float = 0.6
+    support_weight: NotNegative = 0.6
     """Weight of model support (model to scan) against scan coverage (scan to model)."""
-    tolerant_unreturned: float = 0.1
+    tolerant_unreturned: Share = 0.1
     """How free space is where no ray came back, once a single view has no convincing answer: it may have holes."""
-    scene_support_weight: float = 1.5
+    scene_support_weight: NotNegative = 1.5
     """The same where the scan is of a whole scene: a false answer hides where little speaks for or against it."""
-    scene_normal_penalty: float = 1.8
+    scene_normal_penalty: NotNegative = 1.8
     """Share of a point's gain lost when its normal is at right angles to the model's: more than all, in a scene and in
     what is cut out of one, or limbs would explain the things that touch the model."""
-    scene_near_penalty: float = 0.3
+    scene_near_penalty: NotNegative = 0.3
     """Gain lost by a point near the model that it does not explain."""
-    scene_mismatch_penalty: float = 0.5
+    scene_mismatch_penalty: NotNegative = 0.5
     two_way: bool = True
     """Whether model support counts at all."""
     solid: bool = False
     """Whether parts that no joint connects may not be inside each other. Meshes of real machines often are."""
-    support_distance: float = 0.035
-    coverage_distance: float = 0.03
-    least_sigma: float = 0.005
+    support_distance: Positive = 0.035
+    coverage_distance: Positive = 0.03
+    least_sigma: Positive = 0.005
     """Smallest robust scale of the refinement."""
-    contradicted: float = 0.1
+    contradicted: Share = 0.1
     """Share of its surface that a single view may contradict of a right answer: 0.02 to 0.05 at true poses, 0.07 where
     a real sensor bends surfaces."""
-    near: float = BAND - 1e-4
+    near: NotNegative = BAND - 1e-4
     """Points of a scene nearer than this should be of the model; the last distance that the kernels tell."""
-    distinct: float = 0.03
+    distinct: NotNegative = 0.03
     """Mean displacement of the surface below which two configurations are the same solution, ..."""
-    alike: float = 0.004
+    alike: NotNegative = 0.004
     """... and below which they are not worth refining both."""
 
 

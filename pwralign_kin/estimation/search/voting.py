@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -20,32 +21,32 @@ from pwralign_kin.se3 import Array, transform
 
 
 @dataclass(frozen=True)
-class VoteOptions:
+class VoteOptions(CheckedOptions):
     """How many votes are counted."""
 
-    parts: int = 8
+    parts: Natural = 8
     """Parts that explain too little, largest lack first, that votes are cast for."""
-    points: int = 200
+    points: Count = 200
     """Unexplained points that pairs are drawn about."""
-    explained_weight: float = 0.3
+    explained_weight: Share = 0.3
     """Weight of all other points in the score of a placement."""
-    placements: int = 5
+    placements: Count = 5
     """Placements of each."""
-    anchors: int = 3
+    anchors: Count = 3
     """Parts on the way to the best explained one, nearest first, that each placement is reached from."""
-    starts: int = 12
+    starts: Count = 12
     """Random starts of the joints between them."""
-    kept: int = 2
+    kept: Count = 2
     """Solutions of each."""
-    tolerance: float = 0.03
+    tolerance: NotNegative = 0.03
     """Distance (model diagonals) that the joints may leave."""
-    scene_reach: float = 0.35
+    scene_reach: NotNegative = 0.35
     """Only points of a scene this near (model diagonals) to explained ones may be of the model."""
-    least_points: int = 25
+    least_points: Count = 25
     """Unexplained points that are worth a vote, ..."""
-    least_misfits: int = 5
+    least_misfits: Count = 5
     """... or so many that lie by the surface, but farther off than noise explains, ..."""
-    misfit_radius: float = 0.03
+    misfit_radius: NotNegative = 0.03
     """... with others this near to each of them."""
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Share
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
@@ -58,38 +59,38 @@ ONE_SIDE, ALL_SIDES = 0.42, 0.85
 
 
 @dataclass(frozen=True)
-class ObservationOptions:
+class ObservationOptions(CheckedOptions):
     """How a scan is prepared. Lengths in model diagonals."""
 
-    most_raw: int = 60000
+    most_raw: Count = 60000
     """Points that are kept undownsampled, for the outline and to tell the noise by."""
-    given_per_cell: int = 2
+    given_per_cell: Count = 2
     """Points of each cell of the downsampling that are kept as given, for the joint least squares."""
-    voxel: float = 0.01
+    voxel: Cell = 0.01
     """Cell of the downsampling."""
-    normal_radius: float = 0.012
+    normal_radius: Positive = 0.012
     """Neighbourhood of a normal without noise; `normal_noises` times the noise is added, ..."""
-    normal_noises: float = 4.0
-    neighbour_spacings: float = 1.6
+    normal_noises: NotNegative = 4.0
+    neighbour_spacings: NotNegative = 1.6
     """... and it is widened to this many point spacings where the scan is sparse."""
-    grazing: float = 0.05
+    grazing: Share = 0.05
     """Cosine between ray and normal below which a sensor does not measure the surface that is there."""
-    stray_distance: float = 0.06
+    stray_distance: NotNegative = 0.06
     """A point whose sixth neighbour is farther than this, and than `stray_spacings` spacings, is a stray."""
-    stray_spacings: float = 4.0
+    stray_spacings: NotNegative = 4.0
     remove_planes: bool = True
     """Whether a plane wider than the model (a table, a floor) is removed; scans with a sensor origin keep theirs."""
-    plane_tolerance: float = 0.015
-    plane_share: float = 0.15
+    plane_tolerance: Positive = 0.015
+    plane_share: Share = 0.15
     """Least share of the scan that such a plane holds."""
-    plane_spread: float = 0.3
+    plane_spread: NotNegative = 0.3
     """Least standard deviation of its points along both of its directions: no face of the model is that wide."""
-    field_cell: float = 0.0125
-    field_truncation: float = 0.06
-    shadow: float = 0.45
+    field_cell: Cell = 0.0125
+    field_truncation: Cell = 0.06
+    shadow: NotNegative = 0.45
     """How far behind a seen surface space counts as occluded."""
-    depth_pixel: float = 0.011
-    depth_tolerance: float = 0.02
+    depth_pixel: Cell = 0.011
+    depth_tolerance: Positive = 0.02
 
 
 @dataclass(frozen=True)
@@ -293,7 +294,7 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
         raise ScanError(
             scan.source,
             f"it spans {extent.max():.3g} times the model, which is {diagonal:.3g} m across: "
-            "crop it to the surroundings of the model (--crop)",
+            "crop it to the surroundings of the model (Scan.cropped / --crop)",
         )
     return means, cell
 

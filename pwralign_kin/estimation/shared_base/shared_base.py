@@ -28,8 +28,9 @@ from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
 from pwralign_kin.estimation.stages import Fit
-from pwralign_kin.exceptions import StateError
+from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
+from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
@@ -49,7 +50,7 @@ WIDE_SIGMA, FINE_SIGMA = 0.03, 0.012
 
 
 @dataclass(frozen=True, eq=False)
-class SharedBaseEstimate:
+class SharedBaseEstimate(ReadOnly):
     """What `estimate` of several scans and `calibrate` return."""
 
     T_scan_base: Array
@@ -158,11 +159,11 @@ def estimate_shared_base(
 ) -> SharedBaseEstimate:
     """Return the estimate of one base and the joints of every scan; everything else is given one a scan.
 
-    The options' joint priors and locks may differ, what they know of the base may not. Raises `StateError` when there
-    are no scans, and what `Estimator` raises.
+    The options' joint priors and locks may differ, what they know of the base may not. Raises `ArgumentError` when
+    there are no scans, and what `Estimator` raises.
     """
     if not scans:
-        raise StateError("no scans were given")
+        raise ArgumentError("scan", "a Scan or several", "none")
     fits = []
     for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True)):
         warn_of_rounding(scan, model.diagonal)
