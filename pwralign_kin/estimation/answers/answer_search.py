@@ -232,7 +232,7 @@ class AnswerSearch:
                 return before
         if "pairs" in self.options.sources:
             with self.watch.stage("hypotheses"):
-                in_pieces = search.beside(hypotheses, search.piecewise_hypotheses(seed), search.options.same_root)
+                in_pieces = search.piecewise_hypotheses(seed)
             with self.watch.stage("growth"):
                 several += [search.grow(in_pieces, search.options.beam)] if len(in_pieces.parts) > 0 else []
         found = self._refined(search, Candidates.concatenate(several), times=2)

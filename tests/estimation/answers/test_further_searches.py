@@ -88,7 +88,11 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(arm.kernel_model, arm.surfaces, observation, arm.values({}) / units, SearchOptions(), 2)
+    search = TreeSearch(
+        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+        observation,
+        SearchPrior.nothing(arm.values({}) / units),
+    )
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
     before = answers._once(0)
     if wrong:

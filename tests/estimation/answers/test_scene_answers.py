@@ -105,7 +105,7 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
 def test_each_place_of_a_scene_is_looked_at_once(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     """Looks about the same points drew the same hypotheses again; their leaders are refined all the same."""
     search = searching(excavator, observed(excavator, scene.scan))
-    options = pk.EstimatorOptions(threads=2, scene_search=SceneSearchOptions(convincing=np.inf))
+    options = pk.EstimatorOptions(threads=2, scene_search=SceneSearchOptions(convincing=1e6))
     answers = SceneAnswerSearch(excavator, search, options, None, Stopwatch())
     regions = RegionSearch(search, options.scene_search, None, pairs=True, faces=FaceOptions())
     candidates = regions.candidates(0, Hypotheses.nothing())

@@ -275,8 +275,11 @@ def test_time_to_grow_does_not_double_with_every_branching(tmp_path: Path) -> No
         model = pk.ArticulatedModel.from_urdf(tmp_path / "spine.urdf")
         made = pk.simulate(model, sensor=TIERS["full"], seed=0)
         observation = observe(made.scan, model.diagonal, ObservationOptions(), 1)
-        neutral = np.zeros(2 * bones)
-        search = TreeSearch(model.kernel_model, model.surfaces, observation, neutral, SearchOptions(), 1)
+        search = TreeSearch(
+            Sought(model.kernel_model, model.surfaces, SearchOptions(), 1),
+            observation,
+            SearchPrior.nothing(np.zeros(2 * bones)),
+        )
         true = true_candidate(model, search, made, np.ones(2 * bones))
         root = Hypotheses(np.zeros(1, np.int32), search.part_placements(true)[:, 0], np.ones(1, np.float32))
         start = time.process_time()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from pwralign_kin.estimation.sensing.observation import NO_BORDERS
 from pwralign_kin.estimation.sensing.silhouette import Silhouette, dilated
 
 
@@ -26,7 +27,7 @@ def test_residuals_follow_the_model_by_less_than_a_pixel() -> None:
         return np.stack([x, y, np.ones_like(x)], axis=1)[np.hypot(x, y) < 0.15]
 
     points = disc(0.004).astype(np.float32)
-    observation: Any = SimpleNamespace(sensor_origin=np.zeros(3, np.float32))
+    observation: Any = SimpleNamespace(sensor_origin=np.zeros(3, np.float32), borders=NO_BORDERS)
     silhouette = Silhouette(observation, points, np.ones(len(points), bool))
     model, parts = disc(0.005), np.zeros(len(disc(0.005)), np.int64)
     here = silhouette.residuals(parts, model, 0.005, 0.05)
