@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, SceneSetup, observe_scene
 from pwralign_kin.se3 import transform

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 
 BAND = 0.06

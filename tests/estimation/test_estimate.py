@@ -13,7 +13,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences, second_looks
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.exceptions import (
     ArgumentError,
     CorrespondenceError,

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import Sought, TreeSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 
 # Boxes of the parts that other parts can come into, lowest and highest corner in the part's frame, m.
 BOXES = {

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin import se3
 from pwralign_kin.estimation.answers.ranking import ranked
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
@@ -24,7 +25,6 @@ from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, plac
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
 from pwralign_kin.estimation.result import Estimate, millimetres, shown
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
 from pwralign_kin.estimation.stages import Fit
@@ -174,9 +174,12 @@ def estimate_shared_base(
     if progress is not None:
         progress("joint least squares")
     solved = SharedLeastSquares([fit.solver for fit in fits]).run(starts)
+    fits = [
+        fit.knowing(_known_base(fit, solution.base, 0.0, 0.0))
+        for fit, solution in zip(fits, solved.solutions, strict=True)
+    ]
     estimates = []
     for own, fit, solution in zip(options, fits, solved.solutions, strict=True):
-        _tell(fit, _known_base(fit, solution.base, 0.0, 0.0))
         estimate = Estimator(model, own).concluded(replace(fit, finished=_with_base_held(fit, solution.base)), solution)
         warn_of_size(fit.scan, estimate)
         estimates.append(_with_base_covariance(estimate, fit, solution, solved.base_covariance))
@@ -197,16 +200,10 @@ def _numbered(progress: Callable[[str], None] | None, scan: int) -> Callable[[st
     return None if progress is None else lambda stage: progress(f"scan {scan}: {stage}")
 
 
-def _tell(fit: Fit, known: SearchPrior) -> None:
-    """Let a search know something else of the base."""
-    fit.solver.search.known = known
-    known.tell(fit.solver.search.native)
-
-
 def _known_base(fit: Fit, base: Array, translation_std: float, rotation_std: float) -> SearchPrior:
     """Return what a search knows, with its base known to these standard deviations (all in search units)."""
     return replace(
-        fit.solver.search.known,
+        fit.solver.comparison.known,
         placement=base,
         translation_std=max(translation_std, LEAST_STD),
         rotation_std=max(rotation_std, LEAST_STD),
@@ -234,8 +231,8 @@ def _consensus(
         base, starts, again = offered[choice], pulled[choice], list(fits)
         outvoted = [i for i, start in enumerate(starts) if start.scores[0] < (1 - CONTRADICTION) * alone[i]]
         for i in outvoted:
-            again[i] = Estimator(model, _with_base(model, options[i], base)).fit(fits[i].scan, None, None)
-            _tell(again[i], fits[i].solver.search.known)
+            searched = Estimator(model, _with_base(model, options[i], base)).fit(fits[i].scan, None, None)
+            again[i] = searched.knowing(fits[i].solver.comparison.known)
             found = _pulled(again[i], again[i].finished, base)
             # Another search may take the view to have holes: both are compared by the first one's scores.
             starts[i] = max(starts[i], _pulled(fits[i], found, base), key=lambda start: start.scores[0])
@@ -248,7 +245,7 @@ def _consensus(
 
 
 def _observation(fit: Fit) -> Observation:
-    return fit.solver.search.observation
+    return fit.solver.comparison.observation
 
 
 def _total(starts: list[Candidates]) -> float:
@@ -263,13 +260,11 @@ def _apart(one: Array, other: Array, diagonal: float) -> bool:
 
 def _pulled(fit: Fit, candidates: Candidates, base: Array) -> Candidates:
     """Return the best of the candidates after its base was pulled to another one and the joints gave way."""
-    search, known = fit.solver.search, fit.solver.search.known
-    _tell(fit, _known_base(fit, _observation(fit).to_search(base), PULL_DISTANCE, PULL_TURN))
-    wide = search.refined(candidates, iterations=20, sigma=WIDE_SIGMA)
-    fine = search.refined(wide, points=search.options.fine_points, iterations=15, sigma=FINE_SIGMA)
-    best = ranked(search, fine).take([0])
-    _tell(fit, known)
-    return best
+    known = _known_base(fit, _observation(fit).to_search(base), PULL_DISTANCE, PULL_TURN)
+    comparison = fit.solver.comparison.knowing(known)
+    wide = comparison.refined(candidates, iterations=20, sigma=WIDE_SIGMA)
+    fine = comparison.refined(wide, points=comparison.options.fine_points, iterations=15, sigma=FINE_SIGMA)
+    return ranked(comparison, fine).take([0])
 
 
 def _with_base_held(fit: Fit, base: Array) -> Candidates:
@@ -277,10 +272,10 @@ def _with_base_held(fit: Fit, base: Array) -> Candidates:
 
     An answer with another base, which fits one scan better for its sensor's errors, is no rival of the common one.
     """
-    search, found = fit.solver.search, fit.finished
-    held = search.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
+    comparison, found = fit.solver.comparison, fit.finished
+    held = comparison.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
     held.bases[:] = base
-    return search.scored(held)[0].best_first()
+    return comparison.scored(held)[0].best_first()
 
 
 def _with_base(model: ArticulatedModel, options: EstimatorOptions, base: Array) -> EstimatorOptions:
@@ -335,7 +330,7 @@ class SharedLeastSquares:
         """Take the problem of each scan; what they know of the base is counted once, as the first has it."""
         self.solvers = solvers
         self.joints = len(solvers[0].model.joint_names)
-        points = np.array([len(solver.search.observation.given) for solver in solvers], float)
+        points = np.array([len(solver.comparison.observation.given) for solver in solvers], float)
         self.shares = points / points.mean()
 
     def assembled(self, problems: Sequence[Problem]) -> tuple[Array, Array]:
@@ -362,9 +357,9 @@ class SharedLeastSquares:
     def run(self, starts: Sequence[Candidates]) -> SharedSolution:
         """Iterate from one configuration a scan, whose bases may differ a little, to convergence."""
         solvers, options = self.solvers, self.solvers[0].options
-        observations = [solver.search.observation for solver in solvers]
+        observations = [solver.comparison.observation for solver in solvers]
         base = _mean([o.to_scan(start.bases[0]) for o, start in zip(observations, starts, strict=True)])
-        known = solvers[0].search.known
+        known = solvers[0].comparison.known
         if known.held and known.placement is not None:
             base = observations[0].to_scan(known.placement)
         values = [s.limited(start.values[0]) for s, start in zip(solvers, starts, strict=True)]
@@ -416,8 +411,8 @@ class SharedLeastSquares:
         total = np.zeros((6, 6))
         for i, (solver, base, value, problem) in enumerate(zip(self.solvers, bases, values, problems, strict=True)):
             final = Candidates.single(base, value)
-            absent = ~solver.search.exists
-            errors = observed_errors(solver.search, final, problem)
+            absent = ~solver.comparison.exists
+            errors = observed_errors(solver.comparison, final, problem)
             H = inverse_covariance(problem, absent, errors, solver.upper - solver.lower)
             if i > 0:
                 H[:6, :6] -= problem.prior.H[:6, :6]  # known once

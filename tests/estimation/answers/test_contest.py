@@ -9,8 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.stages import Fit
 
 SWIVEL = """

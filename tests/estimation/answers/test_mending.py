@@ -9,9 +9,11 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.mending import mended, off_points
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Sensor
 

@@ -13,9 +13,10 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.ranking import better_ranked
 from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch, _Known
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, is_at, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.stopwatch import Stopwatch

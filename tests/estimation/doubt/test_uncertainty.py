@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import Errors, covariance, inverse_covariance, observed_errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions, Problem
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.simulation import SimulatedScan
 

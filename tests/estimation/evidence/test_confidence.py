@@ -10,10 +10,10 @@ from good_evidence import GOOD
 
 import pwralign_kin as pk
 from pwralign_kin import se3
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import Evidence, _distinctness, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 import pwralign_kin as pk
 from pwralign_kin import se3
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.refinement.joint_least_squares import (
     INVERTED_WHOLE,
@@ -18,8 +21,7 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
     bounded_step,
     inverse_of,
 )
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 

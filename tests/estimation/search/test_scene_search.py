@@ -7,8 +7,9 @@ import pytest
 from searched_scenes import observed, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions
 from pwralign_kin.simulation import SimulatedScan
 

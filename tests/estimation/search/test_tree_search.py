@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import REMEMBERED, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.tree_search import REMEMBERED, SearchOptions, Sought, TreeSearch, halved
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
+from pwralign_kin.estimation.search.tree_search import TreeSearch, halved
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.simulation import TIERS, SimulatedScan

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.simulation import SimulatedScan

@@ -9,7 +9,7 @@ import pytest
 from searched_scenes import EVERYWHERE, observed, scenes_of, searched_points, searching, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of

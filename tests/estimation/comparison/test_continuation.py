@@ -9,10 +9,12 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.scenes import scene
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import best_priced, continued, priced
+from pwralign_kin.estimation.comparison.scan_comparison import Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import best_priced, continued, priced
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 
 PLATE = """<robot name="plate"><link name="plate">
