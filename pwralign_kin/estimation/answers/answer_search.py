@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from pwralign_kin.estimation.answers.plainly_right import PLAIN_OFF, is_explained, is_plainly_right, off_surface
-from pwralign_kin.estimation.answers.ranking import better_ranked, ranked, ranks
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.ranking import better_ranked, ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness

@@ -12,9 +12,9 @@ import numpy as np
 
 from pwralign_kin.estimation.answers.answer_search import EFFORTS
 from pwralign_kin.estimation.answers.mending import mended
-from pwralign_kin.estimation.answers.ranking import ranked, ranks
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.ranking import ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares

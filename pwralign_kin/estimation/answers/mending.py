@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answers.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways

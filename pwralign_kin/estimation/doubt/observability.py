@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.answers.ranking import finest
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
 from pwralign_kin.estimation.doubt.joint_profile import NO_RIVAL, profiled
 from pwralign_kin.estimation.doubt.uncertainty import (

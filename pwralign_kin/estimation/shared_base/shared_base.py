@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
-from pwralign_kin.estimation.answers.ranking import ranked
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import ranked
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences

@@ -42,7 +42,7 @@ def fitted(model: pk.ArticulatedModel, truth: pk.State) -> Fit:
 
 
 def held_at(fit: Fit, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
-    base = fit.solver.search.observation.to_search(model.root_placement(truth))
+    base = fit.solver.comparison.observation.to_search(model.root_placement(truth))
     return Candidates.single(base, np.array([value]))
 
 
