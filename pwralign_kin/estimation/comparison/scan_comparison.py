@@ -53,7 +53,7 @@ class Sought:
 
 
 class ScanComparison:
-    """The configurations of one model compared with one observed scan. It alone remembers what it has looked at."""
+    """Compares configurations of one model with one observed scan. It never changes, but for what it remembers."""
 
     def __init__(
         self, sought: Sought, observation: Observation, known: SearchPrior, searched: NDArray[np.bool_] | None = None
