@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS
+from pwralign_kin.estimation.answers.answer_search import EFFORTS, LACKING
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.answers.ranking import ranked, ranks
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -98,12 +98,15 @@ def _otherwise(
     model: ArticulatedModel, focused: TreeSearch, close: TreeSearch, answer: Candidates, options: EstimatorOptions
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
-    it `close` up."""
+    it `close` up; what repair with wide beams does too, where whole limbs may be lacking."""
     scored, rounds = focused.scored(answer)[0], min(options.repair.rounds, EFFORTS[options.effort].repairs)
     # Nothing but the answer: what else comes up has most of the surface elsewhere.
     repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
-    repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
-    return repaired if better is None else Candidates.concatenate([repaired, better])
+    found = [repair(focused, scored, repairing, turn=False)]
+    if focused.weights[focused.lacks(answer)].sum() > LACKING:
+        found.append(repair(focused.widened(), scored, repairing, turn=False))
+    better = mended(model, close, answer)
+    return Candidates.concatenate(found if better is None else [*found, better])
 
 
 def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:

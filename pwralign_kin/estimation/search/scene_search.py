@@ -13,11 +13,6 @@ from pwralign_kin.estimation.search.continuation import continued
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, face_hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Float
-from pwralign_kin.estimation.sensing.scene import Bools
-
-SAME_PLACE = 0.9
-"""Share of the points about a candidate that were looked at before, from which on another look would be at the same
-place: it draws its hypotheses from all that is there."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +47,8 @@ class SceneSearchOptions(CheckedOptions):
     least_roots: Count = 8
     grown: Count = 4
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
+    same_root: NotNegative = 0.015
+    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     refined: Count = 120
     """Configurations that are refined, shared alike."""
     least_refined: Count = 4
@@ -106,16 +103,14 @@ class RegionSearch:
         self.grown: dict[int, tuple[Hypotheses, Candidates]] = {}
         """By source of hypotheses: the roots, and what grew from them."""
 
-    def candidates(self, seed: int, outside: Hypotheses, known: Bools | None = None) -> Candidates | None:
+    def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         """Return refined configurations from all regions and from `outside` hypotheses; None without any hypothesis.
 
-        A further search is told which points (n,) are `known`, having been looked at closely: it tries more elsewhere.
+        In a `further` search more is tried.
         """
         search = self.search
-        options = self.options
-        if known is not None:
-            options = options.scaled(max(1.0, options.further * search.share_tried))
-        sources = _sources(search, options, seed, outside, known, pairs=self.pairs, faces=self.faces)
+        options = self.options.scaled(max(1.0, self.options.further * search.share_tried)) if further else self.options
+        sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
         found = [
             self._searched(options, source, hypotheses, share)
             for source, (hypotheses, share) in enumerate(sources)
@@ -133,7 +128,10 @@ class RegionSearch:
         search = self.search
         if source in self.grown:
             earlier, grown = self.grown[source]
-            new = search.beside(earlier, roots, search.options.same_root)
+            together = Hypotheses.concatenate([earlier, roots])
+            count = len(together.parts)
+            distinct = search.native.distinct_parts(together.parts, together.placements, count, options.same_root)
+            new = together.take(distinct[distinct >= len(earlier.parts)])
             grown = Candidates.concatenate([grown, search.grow(new, options.grown)]) if len(new.parts) else grown
             self.grown[source] = Hypotheses.concatenate([earlier, new]), grown
         else:
@@ -159,24 +157,17 @@ def _sources(
     options: SceneSearchOptions,
     seed: int,
     outside: Hypotheses,
-    known: Bools | None,
     *,
     pairs: bool,
     faces: FaceOptions | None,
 ) -> Iterator[tuple[Hypotheses, float]]:
-    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole.
-
-    Regions whose points are `known` have none.
-    """
+    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole."""
     yield _promising(search, options, outside, 1.0), 1.0
     observation = search.observation
     areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
     shares = np.sqrt(areas[: options.regions])
     for region, share in enumerate((shares / shares.sum()).tolist()):
         found = Hypotheses.nothing()
-        if known is not None and is_at(observation.regions == region, known):
-            yield found, share
-            continue
         if pairs:
             anchors = max(options.least_anchors, int(share * options.anchors))
             paired = search.pair_hypotheses(seed, region, anchors, options.more)
@@ -190,11 +181,6 @@ def _sources(
 def _promising(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Hypotheses:
     """Return the hypotheses that are worth a share of the budget."""
     return search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
-
-
-def is_at(points: Bools, known: Bools) -> bool:
-    """Return whether nearly all of some points (n,) of a scene are `known`."""
-    return bool((points & known).sum() >= SAME_PLACE * points.sum())
 
 
 def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:

@@ -62,8 +62,6 @@ class SearchOptions(CheckedOptions):
     anchors_per_piece: Count = 50
     roots_per_piece: Count = 40
     """... and how many of these are grown, of each piece."""
-    same_root: NotNegative = 0.015
-    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     more_root_parts: Natural = 4
     more_hypotheses: Natural = 3
     more_roots: Natural = 30
@@ -77,7 +75,7 @@ class SearchOptions(CheckedOptions):
     branch_beam: Count = 2
     """States kept at a branching."""
     wide_beam: Count = 96
-    """The same from a known base."""
+    """The same from a known base, and for the limbs that the answer to a scene lacks."""
     wide_modes: Count = 16
     wide_branch_beam: Count = 3
     refined: Count = 24
@@ -325,13 +323,6 @@ class TreeSearch:
         rank = -hypotheses.scores * self.weights[hypotheses.parts] ** 0.3
         count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
-
-    def beside(self, earlier: Hypotheses, hypotheses: Hypotheses, distance: float) -> Hypotheses:
-        """Return those hypotheses that place their part farther than `distance`, on average over its surface, from
-        where `earlier` ones and each other place it."""
-        together = Hypotheses.concatenate([earlier, hypotheses])
-        distinct = self.native.distinct_parts(together.parts, together.placements, len(together.parts), distance)
-        return together.take(distinct[distinct >= len(earlier.parts)])
 
     @property
     def many(self) -> bool:
