@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS
+from pwralign_kin.estimation.answers.answer_search import EFFORTS, LACKING
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
@@ -103,12 +103,16 @@ def _otherwise(
     options: EstimatorOptions,
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
-    it `close` up."""
+    it `close` up; what repair with wide beams does too, where whole limbs may be lacking."""
     scored, rounds = focused.scored(answer)[0], min(options.repair.rounds, EFFORTS[options.effort].repairs)
     # Nothing but the answer: what else comes up has most of the surface elsewhere.
     repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
-    repaired, better = repair(TreeSearch(focused), scored, repairing, turn=False), mended(model, close, answer)
-    return repaired if better is None else Candidates.concatenate([repaired, better])
+    search = TreeSearch(focused)
+    found = [repair(search, scored, repairing, turn=False)]
+    if focused.weights[focused.lacks(answer)].sum() > LACKING:
+        found.append(repair(search.widened(), scored, repairing, turn=False))
+    better = mended(model, close, answer)
+    return Candidates.concatenate(found if better is None else [*found, better])
 
 
 def _held(comparison: ScanComparison, several: Candidates, final: Candidates) -> Candidates:

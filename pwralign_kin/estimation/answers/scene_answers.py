@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,17 +15,17 @@ from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.search.repair import repair
-from pwralign_kin.estimation.search.scene_search import RegionSearch, is_at, is_convincing, unlike
+from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
-from pwralign_kin.estimation.sensing.scene import Bools, close_up
+from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.se3 import Array
 
 
 @dataclass(frozen=True)
 class _Look:
-    """A close look at one place in a scene."""
+    """A close look at one candidate of a scene."""
 
     focused: ScanComparison
     """The scene about it."""
@@ -34,17 +35,6 @@ class _Look:
     """... what that found, ..."""
     best: Candidates
     """... and the best of these (one), scored in the scene."""
-
-
-@dataclass
-class _Known:
-    """What earlier searches of a scene have come to."""
-
-    answers: list[Candidates]
-    looked: list[Candidates]
-    """Configurations (one each) that were looked at closely, ..."""
-    points: Bools
-    """... and which points of the scene (n,) are of the places where that was."""
 
 
 class SceneAnswerSearch(AnswerSearch):
@@ -58,31 +48,29 @@ class SceneAnswerSearch(AnswerSearch):
             faces=self.options.faces if "faces" in self.options.sources else None,
         )  # fmt: skip
         several: list[Candidates] = []
-        again = np.zeros_like(self.comparison.searched)
-        known = _Known([], [], again.copy())
+        answers: list[Candidates] = []
+        looked: list[Candidates] = []
+        again: list[Candidates] = []
         for attempt in range(self.effort.searches):
             seed = self.options.seed + attempt
             with self.watch.stage("regions"):
-                found = regions.candidates(seed, self._outside(seed), known.points if attempt > 0 else None)
-            if found is None and not known.answers:
-                raise self._nothing_placed
+                found = regions.candidates(seed, self._outside(seed), further=attempt > 0)
             if found is None:
-                break
+                raise self._nothing_placed
             several.append(found)
-            left = unlike(self.comparison, Candidates.concatenate(several), known.answers, options.apart).best_first()
+            left = unlike(self.comparison, Candidates.concatenate(several), answers, options.apart).best_first()
             if len(left):
                 with self.watch.stage("repair"):
-                    known.answers.append(self._repaired_one_by_one(seed, left, known))
-            best = self._distinct(known.answers)
+                    answers.append(self._repaired_one_by_one(seed, left, looked))
+            best = self._distinct(answers)
             sure = self._sureness(best)
             if sure >= options.sure:
                 break
-            focused = self._focused(best.take([0]))
-            if focused is not None and not is_at(focused.searched, again):
+            if len(unlike(self.comparison, best.take([0]), again, self.comparison.options.distinct)):
                 with self.watch.stage("repair"):
-                    known.answers.append(self._looked_at_again(seed, best.take([0])))
-                best = self._distinct(known.answers)
-                again |= focused.searched
+                    answers.append(self._looked_at_again(seed, best.take([0])))
+                best = self._distinct(answers)
+                again.append(best.take([0]))
                 sure = self._sureness(best)
             if sure >= options.confident:
                 break
@@ -105,23 +93,25 @@ class SceneAnswerSearch(AnswerSearch):
 
         The look that found it was about a configuration of which limbs were elsewhere, and drew other samples.
         """
-        focused = self._focused(answer)
-        return answer if focused is None else self._repaired(self._look(seed + self.effort.searches, answer, focused))
+        look = self._look(seed + self.effort.searches, answer)
+        return answer if look is None else self._repaired(look)
 
-    def _repaired_one_by_one(self, seed: int, candidates: Candidates, known: _Known) -> Candidates:
+    def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
         one answer is convincing, or better than repair makes what the others found."""
-        search, options = self.search, self.options.scene_search
-        looks = sorted(self._looks(seed, candidates, known), key=lambda look: -look.best.scores[0])
+        comparison, options = self.comparison, self.options.scene_search
+        looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
+        if not looks:
+            return self._distinct([priced(comparison, candidates)])
         several: list[Candidates] = []
-        for look in looks[: max(1, round(options.finalists * search.share_tried))]:
-            best = max((float(own.scores[0]) for own in known.answers + several), default=-np.inf)
+        for look in looks[: max(1, round(options.finalists * self.search.share_tried))]:
+            best = max((float(own.scores[0]) for own in several), default=-np.inf)
             if look.best.scores[0] < best - options.gained:
                 break
             several.append(self._repaired(look))
-            if is_convincing(search.comparison, several[-1].take([0]), options):
+            if is_convincing(comparison, several[-1].take([0]), options):
                 break
-        return self._distinct(several or [priced(search.comparison, candidates)])
+        return self._distinct(several)
 
     def _repaired(self, look: _Look) -> Candidates:
         """Return the answers that repair makes of what a close look found, closely and then in the scene."""
@@ -132,60 +122,39 @@ class SceneAnswerSearch(AnswerSearch):
         # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
         return self._distinct([look.best, priced(self.comparison, self.comparison.scored(solutions)[0])])
 
-    def _looks(self, seed: int, candidates: Candidates, known: _Known) -> list[_Look]:
-        """Return close looks at the candidates of a scene that score best, in turn with those that explain most, until
-        one is convincing; one look at each place. What is `known` is not looked at again; it grows.
+    def _looks(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Iterator[_Look]:
+        """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
+        one is convincing. What was `looked` at before is not looked at again; it grows.
 
         A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
         it explains more.
         """
-        search, options = self.search, self.options.scene_search
-        comparison = self.comparison
+        comparison, options = self.comparison, self.options.scene_search
         scored = priced(comparison, candidates)
         rankings = scored, Candidates(scored.bases, scored.values, comparison.coverage(scored))
-        looks: list[_Look] = []
-        for rank in range(max(1, round(options.leaders * search.share_tried))):
-            left = unlike(comparison, rankings[rank % 2], known.looked, options.apart)
+        for rank in range(max(1, round(options.leaders * self.search.share_tried))):
+            left = unlike(comparison, rankings[rank % 2], looked, options.apart)
             if len(left) == 0:
-                break
+                return
             leader = left.best_first().take([0])
-            known.looked.append(leader)
-            focused = self._focused(leader)
-            if focused is None or is_at(focused.searched, known.points):
+            looked.append(leader)
+            look = self._look(seed, leader)
+            if look is None:
                 continue
-            there = next((i for i, look in enumerate(looks) if is_at(focused.searched, look.focused.searched)), None)
-            if there is None:
-                looks.append(look := self._look(seed, leader, focused))
-            else:
-                looks[there] = look = self._with_leader(looks[there], leader)
-            known.looked.append(look.best)
+            looked.append(look.best)
+            yield look
             if is_convincing(comparison, look.best, options):
-                break
-        for look in looks:
-            known.points |= look.focused.searched
-        return looks
+                return
 
-    def _focused(self, candidate: Candidates) -> ScanComparison | None:
-        """Return the scene about one candidate, None if nothing is near it."""
-        focused = self.comparison.about(candidate, self.options.scene_search.focus)
-        return None if focused is self.comparison or focused.searched.sum() < LEAST_POINTS else focused
-
-    def _look(self, seed: int, leader: Candidates, focused: ScanComparison) -> _Look:
-        """Return a close look at one candidate of a scene, which is `focused` on what is about it."""
+    def _look(self, seed: int, leader: Candidates) -> _Look | None:
+        """Return a close look at one candidate of a scene, None if nothing is near it."""
+        comparison = self.comparison
+        focused = comparison.about(leader, self.options.scene_search.focus)
+        if focused is comparison or focused.searched.sum() < LEAST_POINTS:
+            return None
         closely = self._closely(focused)
         found = closely._found(seed, closely.search, leader)
-        return _Look(focused, closely, found, self._best_in_scene(found))
-
-    def _with_leader(self, look: _Look, leader: Candidates) -> _Look:
-        """Return a look with one more candidate at its place refined."""
-        closely = look.closely.comparison
-        refined = closely.scored(closely.refined(leader))[0]
-        best = Candidates.concatenate([look.best, self._best_in_scene(refined)]).best_first().take([0])
-        return replace(look, found=Candidates.concatenate([look.found, refined]), best=best)
-
-    def _best_in_scene(self, found: Candidates) -> Candidates:
-        """Return the best (one) of what was found closely, as the scene has it."""
-        return best_priced(self.comparison, self.comparison.scored(found)[0])
+        return _Look(focused, closely, found, best_priced(comparison, comparison.scored(found)[0]))
 
     def _closely(self, focused: ScanComparison) -> AnswerSearch:
         """Return a search that takes the `focused` points of a scene for a scan of the model alone.

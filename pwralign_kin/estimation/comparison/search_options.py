@@ -31,8 +31,6 @@ class SearchOptions(CheckedOptions):
     anchors_per_piece: Count = 50
     roots_per_piece: Count = 40
     """... and how many of these are grown, of each piece."""
-    same_root: NotNegative = 0.015
-    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     more_root_parts: Natural = 4
     more_hypotheses: Natural = 3
     more_roots: Natural = 30
@@ -46,7 +44,7 @@ class SearchOptions(CheckedOptions):
     branch_beam: Count = 2
     """States kept at a branching."""
     wide_beam: Count = 96
-    """The same from a known base."""
+    """The same from a known base, and for the limbs that the answer to a scene lacks."""
     wide_modes: Count = 16
     wide_branch_beam: Count = 3
     refined: Count = 24

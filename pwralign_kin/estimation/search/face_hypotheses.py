@@ -76,7 +76,7 @@ def _of_part(search: TreeSearch, part: int, patches: FlatFaces, options: FaceOpt
     refined = search.aligned(screened.parts, screened.placements, 5)
     refined = refined.take(np.argsort(-refined.scores, kind="stable"))
     kept = options.scene_kept if search.observation.scene else options.kept
-    return search.distinct_hypotheses(refined, kept, 0.03)
+    return refined.take(search.distinct_hypotheses(refined, kept, 0.03))
 
 
 def matching(seen: Array, size: Array, options: FaceOptions) -> list[Array]:

@@ -291,7 +291,8 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
     good = np.flatnonzero((after.scores > 0.6 * before.scores) & (moved > search.options.distinct))
     if len(good) == 0:
         return []
-    return [search.grow(search.distinct_hypotheses(after.take(good), options.turned_parts, search.options.distinct))]
+    after = after.take(good)
+    return [search.grow(after.take(search.distinct_hypotheses(after, options.turned_parts, search.options.distinct)))]
 
 
 def _slid(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:

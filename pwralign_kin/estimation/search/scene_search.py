@@ -15,11 +15,6 @@ from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, face_hyp
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Float
-from pwralign_kin.estimation.sensing.scene import Bools
-
-SAME_PLACE = 0.9
-"""Share of the points about a candidate that were looked at before, from which on another look would be at the same
-place: it draws its hypotheses from all that is there."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +49,8 @@ class SceneSearchOptions(CheckedOptions):
     least_roots: Count = 8
     grown: Count = 4
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
+    same_root: NotNegative = 0.015
+    """Mean displacement of a part within which a further search does not grow a hypothesis again."""
     refined: Count = 120
     """Configurations that are refined, shared alike."""
     least_refined: Count = 4
@@ -108,17 +105,14 @@ class RegionSearch:
         self.grown: dict[int, tuple[Hypotheses, Candidates]] = {}
         """By source of hypotheses: the roots, and what grew from them."""
 
-    def candidates(self, seed: int, outside: Hypotheses, known: Bools | None = None) -> Candidates | None:
+    def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         """Return refined configurations from all regions and from `outside` hypotheses; None without any hypothesis.
 
-        A further search is told which points (n,) are `known`, having been looked at closely: it tries more elsewhere.
+        In a `further` search more is tried.
         """
         search = self.search
-        comparison = search.comparison
-        options = self.options
-        if known is not None:
-            options = options.scaled(max(1.0, options.further * search.share_tried))
-        sources = _sources(search, options, seed, outside, known, pairs=self.pairs, faces=self.faces)
+        options = self.options.scaled(max(1.0, self.options.further * search.share_tried)) if further else self.options
+        sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
         found = [
             self._searched(options, source, hypotheses, share)
             for source, (hypotheses, share) in enumerate(sources)
@@ -127,16 +121,18 @@ class RegionSearch:
         if not found:
             return None
         if self.near is not None:
-            passing = [f.take(comparison.passes(f, self.near)) for f in found]
+            passing = [f.take(search.comparison.passes(f, self.near)) for f in found]
             found = [f for f in passing if len(f)] or found
-        return comparison.scored(comparison.refined(_chosen(search, options, found)))[0]
+        return search.comparison.scored(search.comparison.refined(_chosen(search, options, found)))[0]
 
     def _searched(self, options: SceneSearchOptions, source: int, roots: Hypotheses, share: float) -> Candidates:
         """Return configurations grown from placed parts and refined a little, best first."""
         search = self.search
         if source in self.grown:
             earlier, grown = self.grown[source]
-            new = search.beside(earlier, roots, search.options.same_root)
+            together = Hypotheses.concatenate([earlier, roots])
+            distinct = search.distinct_hypotheses(together, len(together.parts), options.same_root)
+            new = together.take(distinct[distinct >= len(earlier.parts)])
             grown = Candidates.concatenate([grown, search.grow(new, options.grown)]) if len(new.parts) else grown
             self.grown[source] = Hypotheses.concatenate([earlier, new]), grown
         else:
@@ -162,24 +158,17 @@ def _sources(
     options: SceneSearchOptions,
     seed: int,
     outside: Hypotheses,
-    known: Bools | None,
     *,
     pairs: bool,
     faces: FaceOptions | None,
 ) -> Iterator[tuple[Hypotheses, float]]:
-    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole.
-
-    Regions whose points are `known` have none.
-    """
+    """Yield sets of part hypotheses, and the share of the budget that each gets; `outside` count as one whole."""
     yield _promising(search, options, outside, 1.0), 1.0
     observation = search.observation
     areas = np.bincount(observation.regions[observation.regions >= 0], observation.areas[observation.regions >= 0])
     shares = np.sqrt(areas[: options.regions])
     for region, share in enumerate((shares / shares.sum()).tolist()):
         found = Hypotheses.nothing()
-        if known is not None and is_at(observation.regions == region, known):
-            yield found, share
-            continue
         if pairs:
             anchors = max(options.least_anchors, int(share * options.anchors))
             paired = search.pair_hypotheses(seed, region, anchors, options.more)
@@ -193,11 +182,6 @@ def _sources(
 def _promising(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypotheses, share: float) -> Hypotheses:
     """Return the hypotheses that are worth a share of the budget."""
     return search.promising(hypotheses, max(options.least_roots, int(share * options.roots)))
-
-
-def is_at(points: Bools, known: Bools) -> bool:
-    """Return whether nearly all of some points (n,) of a scene are `known`."""
-    return bool((points & known).sum() >= SAME_PLACE * points.sum())
 
 
 def is_convincing(comparison: ScanComparison, candidate: Candidates, options: SceneSearchOptions) -> bool:

@@ -111,13 +111,6 @@ class TreeSearch:
         count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
 
-    def beside(self, earlier: Hypotheses, hypotheses: Hypotheses, distance: float) -> Hypotheses:
-        """Return those hypotheses that place their part farther than `distance`, on average over its surface, from
-        where `earlier` ones and each other place it."""
-        together = Hypotheses.concatenate([earlier, hypotheses])
-        distinct = self._distinct_parts(together, len(together.parts), distance)
-        return together.take(distinct[distinct >= len(earlier.parts)])
-
     def grow(self, hypotheses: Hypotheses, keep: int = 1) -> Candidates:
         """Return the best `keep` whole configurations grown from each placed part (scored by growth alone)."""
         return Candidates(*self.comparison.native.grow(hypotheses.parts, hypotheses.placements, keep))
@@ -195,11 +188,9 @@ class TreeSearch:
         """Return placed parts (m,), (m, 4, 4), each moved on its own to where it fits the scan, with scores."""
         return Hypotheses(*self.comparison.native.refine_parts(parts, placements, iterations))
 
-    def distinct_hypotheses(self, hypotheses: Hypotheses, count: int, apart: float) -> Hypotheses:
-        """Return the first `count` hypotheses that place their part farther than `apart` from where others do."""
-        return hypotheses.take(self._distinct_parts(hypotheses, count, apart))
-
-    def _distinct_parts(self, hypotheses: Hypotheses, count: int, apart: float) -> Ints:
+    def distinct_hypotheses(self, hypotheses: Hypotheses, count: int, apart: float) -> Ints:
+        """Return which hypotheses, the first `count`, place their part farther than `apart`, on average over its
+        surface, from where those before them do."""
         return self.comparison.native.distinct_parts(hypotheses.parts, hypotheses.placements, count, apart)
 
 

@@ -108,9 +108,3 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
     found = answers._once_more(1, search, before)
     assert read.called == wrong
     assert np.array_equal(found.bases[0], before.bases[0]) != wrong
-
-
-def test_hypotheses_that_place_a_part_where_others_do_are_not_grown_again(search: TreeSearch) -> None:
-    found = search.pair_hypotheses(0)
-    assert len(search.beside(found, found, search.options.same_root).parts) == 0
-    assert 0 < len(search.beside(found.take(slice(0, 0)), found, 1e-6).parts) <= len(found.parts)

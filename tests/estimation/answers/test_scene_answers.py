@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
-from unittest import mock
-
 import numpy as np
 import pytest
 from searched_scenes import comparing, observed, true_and_moved
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
-from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch, _Known
+from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import better_ranked
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
-from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, is_at, unlike
+from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
@@ -32,11 +29,9 @@ def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     searches = []
     candidates = RegionSearch.candidates
 
-    def counted(
-        own: RegionSearch, seed: int, outside: Hypotheses, known: np.ndarray | None = None
-    ) -> Candidates | None:
-        searches.append(known is not None)
-        return candidates(own, seed, outside, known)
+    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        searches.append(further)
+        return candidates(own, seed, outside, further=further)
 
     monkeypatch.setattr(RegionSearch, "candidates", counted)
     pk.estimate(excavator, scene.scan)
@@ -74,9 +69,9 @@ def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
         told.append("look")
         return looked(own, seed, answer)
 
-    def search(own: RegionSearch, seed: int, outside: Hypotheses, known: np.ndarray | None = None) -> Candidates | None:
+    def search(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         told.append("search")
-        return candidates(own, seed, outside, known)
+        return candidates(own, seed, outside, further=further)
 
     monkeypatch.setattr(SceneAnswerSearch, "_looked_at_again", look)
     monkeypatch.setattr(RegionSearch, "candidates", search)
@@ -104,42 +99,19 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
     assert error(found) < 0.01 < 0.03 < error(astray)
 
 
-def test_each_place_of_a_scene_is_looked_at_once(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
-    """Looks about the same points drew the same hypotheses again; their leaders are refined all the same."""
+def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     comparison = comparing(excavator, observed(excavator, scene.scan))
-    options = pk.EstimatorOptions(threads=2, scene_search=SceneSearchOptions(convincing=1e6))
+    options = pk.EstimatorOptions(threads=2)
     answers = SceneAnswerSearch(excavator, TreeSearch(comparison), options, None, Stopwatch())
     regions = RegionSearch(TreeSearch(comparison), options.scene_search, None, pairs=True, faces=FaceOptions())
-    candidates = regions.candidates(0, Hypotheses.nothing())
+    candidates = regions.candidates(0, Hypotheses.nothing(), further=False)
     assert candidates is not None
-    known = _Known([], [], np.zeros_like(comparison.searched))
-
-    first = answers._looks(0, candidates, known)
-
-    for earlier, later in itertools.combinations(first, 2):
-        assert not is_at(later.focused.searched, earlier.focused.searched)
-    before, looked = known.points.copy(), list(known.looked)
-    further = answers._looks(1, candidates, known)
-    assert not any(is_at(look.focused.searched, before) for look in further)
-    for leader in known.looked[len(looked) :: 2]:
-        assert len(unlike(comparison, leader, looked, options.scene_search.apart)) == 1
-
-
-def test_looks_that_repair_cannot_bring_up_to_a_known_answer_are_not_repaired(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ready = observed(excavator, scene.scan)
-    comparison = comparing(excavator, ready)
-    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
-    true, aside = (comparison.scored(true_and_moved(excavator, scene, ready).take([i]))[0] for i in range(2))
-    repaired = mock.Mock(return_value=true)
-    monkeypatch.setattr(answers, "_repaired", repaired)
-
-    answers._repaired_one_by_one(0, aside, _Known([], [], np.zeros_like(comparison.searched)))
-    assert repaired.call_count == 1
-    better = Candidates(true.bases, true.values, true.scores + 10.0)
-    answers._repaired_one_by_one(0, aside, _Known([better], [], np.zeros_like(comparison.searched)))
-    assert repaired.call_count == 1
+    looked: list[Candidates] = []
+    for seed in (0, 1):
+        before = list(looked)
+        assert list(answers._looks(seed, candidates, looked))
+        leader = looked[len(before)]
+        assert len(unlike(comparison, leader, before, options.scene_search.apart)) == 1
 
 
 def test_refinement_of_answers_is_kept_where_they_rank_higher_by_it(
@@ -170,10 +142,8 @@ def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(
     mended = last_word(excavator, comparison, wrong)
 
     assert mended is not None
-    assert (
-        np.linalg.norm(comparison.probe_positions(mended)[0] - comparison.probe_positions(true)[0], axis=-1).max()
-        < 0.01
-    )
+    off = comparison.probe_positions(mended)[0] - comparison.probe_positions(true)[0]
+    assert np.linalg.norm(off, axis=-1).max() < 0.01
     elsewhere = last_word(excavator, comparison, aside)
     if elsewhere is not None:
         moved = np.linalg.norm(comparison.probe_positions(elsewhere)[0] - comparison.probe_positions(aside)[0], axis=-1)

@@ -53,7 +53,7 @@ def test_another_search_grows_what_none_before_it_has_grown(
 
     sizes = []
     for seed, further in ((0, False), (0, True), (1, True)):
-        regions.candidates(seed, Hypotheses.nothing(), np.zeros_like(search.comparison.searched) if further else None)
+        regions.candidates(seed, Hypotheses.nothing(), further=further)
         sizes.append(sum(len(roots.parts) for roots, _ in regions.grown.values()))
         assert sizes[-1] == sum(len(grown) for _, grown in regions.grown.values())
 
