@@ -16,7 +16,7 @@ from pwralign_kin.state import State
 
 
 @dataclass(frozen=True)
-class Fit:
+class SearchedScan:
     """One scan searched: the state of an estimate before the joint least squares."""
 
     scan: Scan

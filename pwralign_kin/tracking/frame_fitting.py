@@ -13,8 +13,8 @@ from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.tracking import local_search
-from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, Fit, Usual
-from pwralign_kin.tracking.motion import LONGEST, Motion
+from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, FrameFit, Usual
+from pwralign_kin.tracking.motion import LONGEST, BelievedMotion
 from pwralign_kin.tracking.options import TrackerOptions
 
 Frame = Scan | DepthFrame | NDArray[Any]
@@ -44,7 +44,7 @@ class FrameFitting:
         self.options = options
         self.centre, self.viewed, self.wary = np.zeros(3), False, False
 
-    def look(self, frame: Frame, expected: Motion, *, wary: bool = False) -> None:
+    def look(self, frame: Frame, expected: BelievedMotion, *, wary: bool = False) -> None:
         """Look at a frame around an expected configuration, if `wary` also at what tells parts from each other."""
         self.wary = wary
         native = self.native
@@ -79,7 +79,7 @@ class FrameFitting:
 
     def fitted(
         self,
-        expected: Motion,
+        expected: BelievedMotion,
         usual: Usual | None,
         limit: float,
         *,
@@ -87,7 +87,7 @@ class FrameFitting:
         start: tuple[Array, Array] | None = None,
         held: NDArray[np.bool_] | None = None,
         doubt: Array | None = None,
-    ) -> Fit:
+    ) -> FrameFit:
         """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one.
 
         `start` is where to begin instead (base about the centre, in model diagonals, and values), `held` (k,) joints
@@ -102,7 +102,7 @@ class FrameFitting:
             sigma, noise, tolerance = usual.sigma, max(usual.noise, LEAST_NOISE), usual.tolerance
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
-            return Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
+            return FrameFit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         still = expected.held if held is None else held
@@ -137,7 +137,7 @@ class FrameFitting:
             agreement = coverage
         owned = np.asarray(native.own(T[None], fitted, tolerance), float) if self.wary else None
         T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
-        return Fit(
+        return FrameFit(
             T=T,
             values=fitted,
             iterations=done,

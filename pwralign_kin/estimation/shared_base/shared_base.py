@@ -27,7 +27,7 @@ from pwralign_kin.estimation.result import Estimate, millimetres, shown
 from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.shared_base.joint_offsets import JointOffsets, joint_offsets
-from pwralign_kin.estimation.stages import Fit
+from pwralign_kin.estimation.stages import SearchedScan
 from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.read_only import ReadOnly
@@ -197,13 +197,13 @@ def _numbered(progress: Callable[[str], None] | None, scan: int) -> Callable[[st
     return None if progress is None else lambda stage: progress(f"scan {scan}: {stage}")
 
 
-def _tell(fit: Fit, known: SearchPrior) -> None:
+def _tell(fit: SearchedScan, known: SearchPrior) -> None:
     """Let a search know something else of the base."""
     fit.solver.search.known = known
     known.tell(fit.solver.search.native)
 
 
-def _known_base(fit: Fit, base: Array, translation_std: float, rotation_std: float) -> SearchPrior:
+def _known_base(fit: SearchedScan, base: Array, translation_std: float, rotation_std: float) -> SearchPrior:
     """Return what a search knows, with its base known to these standard deviations (all in search units)."""
     return replace(
         fit.solver.search.known,
@@ -215,8 +215,8 @@ def _known_base(fit: Fit, base: Array, translation_std: float, rotation_std: flo
 
 
 def _consensus(
-    model: ArticulatedModel, fits: list[Fit], options: Sequence[EstimatorOptions]
-) -> tuple[list[Fit], list[Candidates], tuple[int, ...]]:
+    model: ArticulatedModel, fits: list[SearchedScan], options: Sequence[EstimatorOptions]
+) -> tuple[list[SearchedScan], list[Candidates], tuple[int, ...]]:
     """Return the fits, of each the configuration at the base that serves all scans best, and the outvoted scans.
 
     Every scan offers the base of its best answer; the others follow as far as their points let them, and those that
@@ -229,7 +229,7 @@ def _consensus(
         if len(offered) < TRIED and all(_apart(base, other, model.diagonal) for other in offered):
             offered.append(base)
     pulled = [[_pulled(fit, fit.finished, base) for fit in fits] for base in offered]
-    best: tuple[float, list[Fit], list[Candidates], list[int]] | None = None
+    best: tuple[float, list[SearchedScan], list[Candidates], list[int]] | None = None
     for choice in np.argsort([-_total(starts) for starts in pulled], kind="stable")[:SEARCHED_AGAIN]:
         base, starts, again = offered[choice], pulled[choice], list(fits)
         outvoted = [i for i, start in enumerate(starts) if start.scores[0] < (1 - CONTRADICTION) * alone[i]]
@@ -247,7 +247,7 @@ def _consensus(
     return best[1], best[2], tuple(best[3])
 
 
-def _observation(fit: Fit) -> Observation:
+def _observation(fit: SearchedScan) -> Observation:
     return fit.solver.search.observation
 
 
@@ -261,7 +261,7 @@ def _apart(one: Array, other: Array, diagonal: float) -> bool:
     return bool(turn > PULL_TURN or np.linalg.norm(one[:3, 3] - other[:3, 3]) > PULL_DISTANCE * diagonal)
 
 
-def _pulled(fit: Fit, candidates: Candidates, base: Array) -> Candidates:
+def _pulled(fit: SearchedScan, candidates: Candidates, base: Array) -> Candidates:
     """Return the best of the candidates after its base was pulled to another one and the joints gave way."""
     search, known = fit.solver.search, fit.solver.search.known
     _tell(fit, _known_base(fit, _observation(fit).to_search(base), PULL_DISTANCE, PULL_TURN))
@@ -272,7 +272,7 @@ def _pulled(fit: Fit, candidates: Candidates, base: Array) -> Candidates:
     return best
 
 
-def _with_base_held(fit: Fit, base: Array) -> Candidates:
+def _with_base_held(fit: SearchedScan, base: Array) -> Candidates:
     """Return what the search of a scan ended with, refined with the base held where all scans have it.
 
     An answer with another base, which fits one scan better for its sensor's errors, is no rival of the common one.
@@ -294,7 +294,9 @@ def _with_base(model: ArticulatedModel, options: EstimatorOptions, base: Array) 
     return replace(options, base=known)
 
 
-def _with_base_covariance(estimate: Estimate, fit: Fit, solution: Solution, base_covariance: Array) -> Estimate:
+def _with_base_covariance(
+    estimate: Estimate, fit: SearchedScan, solution: Solution, base_covariance: Array
+) -> Estimate:
     """Return the estimate with the doubt about the base, and what follows from it for the joints, in its covariance.
 
     With the base held, its doubt passes to the joints as they follow it: dq/dbase = -H_qq^-1 H_qb.
