@@ -561,6 +561,14 @@ PinholeView read_view(const Matrix &K, double scale, const Placements &camera, s
 
 void bind_tracking(nb::module_ &m) {
     m.def("explained_within", &explained_within, "noise"_a);
+    nb::class_<TrackingJudgement>(m, "TrackingJudgement")
+        .def_ro("noise", &TrackingJudgement::noise)
+        .def_ro("tolerance", &TrackingJudgement::tolerance)
+        .def_ro("coverage", &TrackingJudgement::coverage)
+        .def_ro("agreement", &TrackingJudgement::agreement)
+        .def_ro("visible", &TrackingJudgement::visible)
+        .def_ro("supported", &TrackingJudgement::supported)
+        .def_ro("cost", &TrackingJudgement::cost);
     nb::class_<Tracking>(m, "Tracking")
         .def("__init__", [](Tracking *self, const Articulated &model, int points, float cell) {
             require(points > 0 && cell > 0, "a tracker needs points and cells");
@@ -606,8 +614,7 @@ void bind_tracking(nb::module_ &m) {
         }, nb::rv_policy::move)
         .def("judge", [](Tracking &self, Placements base, Doubles values, float tolerance) {
             require(base.shape(0) == 1 && int(values.size()) == self.model.joints, "one base and one value per joint are needed");
-            auto own = unlocked([&] { return self.judge(read_placement(base.data()), values.data(), tolerance); });
-            return nb::make_tuple(own.noise, own.tolerance, own.coverage, own.agreement, own.visible, own.supported, own.cost);
+            return unlocked([&] { return self.judge(read_placement(base.data()), values.data(), tolerance); });
         }, "base"_a, "values"_a, "tolerance"_a)
         .def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); }, nb::rv_policy::move)
         .def_prop_ro("explained", [](const Tracking &self) { return to_numpy(std::vector<float>(self.explained)); }, nb::rv_policy::move)

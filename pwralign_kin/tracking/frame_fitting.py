@@ -102,7 +102,13 @@ class FrameFitting:
             sigma, noise, tolerance = usual.sigma, max(usual.noise, LEAST_NOISE), usual.tolerance
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
-            return FrameFit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
+            return FrameFit(
+                expected.T,
+                expected.values,
+                visible=judged.visible,
+                support=judged.supported,
+                points=native.points,
+            )
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         still = expected.held if held is None else held
@@ -113,17 +119,17 @@ class FrameFitting:
         if wide:
             believed = believed / WIDER**2
         T, fitted, done, rmse = native.fit(
-            base[None],
-            values,
-            predicted[None],
-            expected.values,
-            believed,
-            still.astype(np.uint8),
-            first,
-            sigma,
-            noise,
-            iterations,
-            limit - clock.perf_counter(),
+            base=base[None],
+            values=values,
+            predicted=predicted[None],
+            predicted_values=expected.values,
+            expected=believed,
+            held=still.astype(np.uint8),
+            sigma_first=first,
+            sigma_last=sigma,
+            noise=noise,
+            iterations=iterations,
+            seconds=limit - clock.perf_counter(),
         )
         information = _semidefinite(native.information - believed)
         covariance: Array = np.asarray(np.linalg.inv(information + known), float)
@@ -131,23 +137,23 @@ class FrameFitting:
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
         conditional = np.diag(information)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
-        noise, tolerance, coverage, agreement, visible, support, cost = native.judge(T[None], fitted, tolerance)
+        judged = native.judge(T[None], fitted, tolerance)
         strays, missing = self._part_misfits()
-        if not self.viewed:  # what is in front of the model, or behind it, cannot be told
-            agreement = coverage
-        owned = np.asarray(native.own(T[None], fitted, tolerance), float) if self.wary else None
+        # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
+        agreement = judged.agreement if self.viewed else judged.coverage
+        owned = np.asarray(native.own(T[None], fitted, judged.tolerance), float) if self.wary else None
         T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
         return FrameFit(
             T=T,
             values=fitted,
             iterations=done,
             rmse=rmse,
-            noise=noise,
-            coverage=coverage,
+            noise=judged.noise,
+            coverage=judged.coverage,
             agreement=agreement,
-            visible=visible,
-            support=support,
-            cost=cost,
+            visible=judged.visible,
+            support=judged.supported,
+            cost=judged.cost,
             points=native.points,
             strays=strays,
             missing=missing,
