@@ -22,10 +22,13 @@ LEVELS = (
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
 
 ESTIMATION = (
-    "stopwatch", "sensing", "knowledge", "search", "refinement", "evidence", "options", "result", "answers", "doubt",
-    "stages", "reporting", "estimator", "second_looks", "shared_base", "entry",
+    "stopwatch", "sensing", "knowledge", "comparison", "refinement", "evidence", "doubt", "search", "options", "result",
+    "answers", "stages", "reporting", "estimator", "second_looks", "shared_base", "entry",
 )  # fmt: skip
 """The folders and modules of the estimation, each on what stands before it."""
+
+ON_KERNELS = {"comparison/scan_comparison.py", "search/tree_search.py"}
+"""What alone reaches through to the `kernels.Search` of a scan."""
 
 ONLY_WHEN_CALLED = {
     "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs",
@@ -88,6 +91,17 @@ def test_the_estimation_is_built_up_in_order(path: Path) -> None:
     names = {name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for name in _imported(node)}
     own = {name.split(".")[2] for name in names if name.startswith(f"{PACKAGE}.estimation.")}
     assert own <= set(ESTIMATION[: ESTIMATION.index(importer) + 1])
+
+
+def test_only_the_comparison_and_the_search_reach_through_to_their_kernels() -> None:
+    files = [path for path in FILES if _unit(path) == "estimation"]
+    through = {
+        path.relative_to(ROOT / "estimation").as_posix()
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr == "native"
+    }
+    assert through == ON_KERNELS
 
 
 @pytest.mark.parametrize("path", FILES, ids=_id)

@@ -16,8 +16,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.checked_options import SEED_LIMIT, CheckedOptions
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import LeastSquaresOptions
-from pwralign_kin.estimation.search.tree_search import SearchOptions
 from pwralign_kin.exceptions import OptionError, UnknownNameError
 
 for module in pkgutil.walk_packages(pk.__path__, "pwralign_kin."):

@@ -13,9 +13,9 @@ import numpy as np
 from pwralign_kin.benchmark.cases import Case
 from pwralign_kin.benchmark.metrics import Reference, Ruler
 from pwralign_kin.estimation import Correspondences, Estimate, EstimatorOptions, estimate
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import LeastSquaresOptions
 from pwralign_kin.estimation.search.repair import RepairOptions
-from pwralign_kin.estimation.search.tree_search import SearchOptions
 from pwralign_kin.estimation.search.voting import VoteOptions
 from pwralign_kin.se3 import inverse, transform
 

@@ -15,6 +15,8 @@ from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.equal_answers import equal_answers
 from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.doubt.observability import doubted
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.other_size import other_size
@@ -26,8 +28,7 @@ from pwralign_kin.estimation.refinement.likelihood import likeliest
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
 from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
@@ -114,12 +115,12 @@ class Estimator:
         searching = SceneAnswerSearch if observation.scene else AnswerSearch
         answers = searching(self.model, search, self.options, correspondences, watch)
         if initial is None:
-            solutions = answers.without_guess()
+            found = answers.without_guess()
         else:
-            solutions = answers.from_guess(observation.to_search(self.model.root_placement(initial)), prior)
+            found = answers.from_guess(observation.to_search(self.model.root_placement(initial)), prior)
         with watch.stage("finish"):
-            finished = answers.finished(solutions)
-        solver = JointLeastSquares(self.model, answers.search, lower, upper, self.options.least_squares)
+            finished = answers.finished(found)
+        solver = JointLeastSquares(self.model, found.comparison, lower, upper, self.options.least_squares)
         return SearchedScan(scan, initial, correspondences, solver, finished, prior, watch)
 
     def finished(self, fit: SearchedScan) -> Estimate:
@@ -154,7 +155,7 @@ class Estimator:
 
     def concluded(self, fit: SearchedScan, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
-        equal = equal_answers(self.model, fit.solver.search, solution.configuration)
+        equal = equal_answers(self.model, fit.solver.comparison, solution.configuration)
         return reported(fit, self._judged(fit, solution), equal, self.options)
 
     def _judged(self, fit: SearchedScan, solution: Solution) -> Judged:
@@ -162,7 +163,7 @@ class Estimator:
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
         with fit.watch.stage("confidence"):
-            evidence = gathered(fit.solver.search, bearing_out(fit, solution), fit.finished)
+            evidence = gathered(fit.solver.comparison, bearing_out(fit, solution), fit.finished)
             if evidence.strange + evidence.astray > UNLIKE:
                 size = other_size(fit.solver, solution)
                 evidence = replace(evidence, size=size.factor, size_gain=size.gain)
@@ -251,12 +252,13 @@ class Estimator:
         if self.options.locked or self.options.prior_std:
             native = native.restricted(lower, upper)
         known = self.options.base.in_search_units(self.model, observation, prior, self.prior_std)
-        return TreeSearch(Sought(native, self.model.surfaces, self.options.search, self.threads), observation, known)
+        sought = Sought(native, self.model.surfaces, self.options.search, self.threads)
+        return TreeSearch(ScanComparison(sought, observation, known))
 
     def _solve(self, solver: JointLeastSquares, finished: Candidates) -> Solution:
         base, values = finished.bases[0], finished.values[0]
-        if solver.search.known.held:
-            base = solver.search.known.placement
+        if solver.comparison.known.held:
+            base = solver.comparison.known.placement
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(solver.residual(base, values)))
             return Solution(base, values, problem, True, 0)
@@ -264,18 +266,18 @@ class Estimator:
 
     def _chosen(self, fit: SearchedScan, solution: Solution) -> tuple[Solution, Candidates]:
         """Return which of the answers that look alike is meant, by a guess or by likelihood, and the others."""
-        search = fit.solver.search
+        comparison = fit.solver.comparison
         answer = solution.configuration
-        equal = equal_answers(self.model, search, answer)
-        if len(equal) == 0 or search.known.held:
+        equal = equal_answers(self.model, comparison, answer)
+        if len(equal) == 0 or comparison.known.held:
             return solution, equal
         several = Candidates.concatenate([answer, equal])
         if fit.initial is None:
             chosen = likeliest(fit.solver, several, fit.prior)
         else:
-            base = search.observation.to_search(self.model.root_placement(fit.initial))
+            base = comparison.observation.to_search(self.model.root_placement(fit.initial))
             guess = Candidates.single(base, fit.prior)
-            apart = search.probe_positions(several) - search.probe_positions(guess)
+            apart = comparison.probe_positions(several) - comparison.probe_positions(guess)
             chosen = int(np.argmin(np.linalg.norm(apart, axis=-1).reshape(len(several), -1).mean(axis=1)))
         if chosen > 0:
             solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
@@ -298,9 +300,9 @@ def bearing_out(fit: SearchedScan, solution: Solution) -> Candidates:
 
     A sensor that errs along its rays bends a whole surface away from where its outline has it.
     """
-    search, final = fit.solver.search, solution.configuration
+    comparison, final = fit.solver.comparison, solution.configuration
     if fit.solver.silhouette is None:
         return final
-    both = search.scored(Candidates.concatenate([final, fit.finished.take([0])]))[0].best_first()
-    same = len(search.distinct(both, len(both), OUTLINED)) == 1
+    both = comparison.scored(Candidates.concatenate([final, fit.finished.take([0])]))[0].best_first()
+    same = len(comparison.distinct(both, len(both), OUTLINED)) == 1
     return both.take([0]) if same else final

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, Literal, get_args
 
 from pwralign_kin.checked_options import CheckedOptions, Seed, Threads
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.correspondences import FpfhMatcher
 from pwralign_kin.estimation.knowledge.prior import BasePrior, Vector, checked_box, checked_numbers
 from pwralign_kin.estimation.refinement.joint_least_squares import LeastSquaresOptions
@@ -15,7 +16,6 @@ from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.search.reinterpretation import ReinterpretationOptions
 from pwralign_kin.estimation.search.repair import RepairOptions
 from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
-from pwralign_kin.estimation.search.tree_search import SearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions
 from pwralign_kin.exceptions import OptionError, UnknownNameError

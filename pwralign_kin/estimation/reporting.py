@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answers.ranking import total_coverage
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import total_coverage
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.options import EstimatorOptions, changed
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.stages import Judged, SearchedScan
 from pwralign_kin.model import ArticulatedModel
@@ -29,15 +29,15 @@ def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: Esti
 
     Beside it are the other answers that the search ended with and those that the model's symmetry makes `equal` to it.
     """
-    scan, search, finished = fit.scan, fit.solver.search, fit.finished
+    scan, comparison, finished = fit.scan, fit.solver.comparison, fit.finished
     solution, doubt, model = judged.solution, judged.doubt, fit.solver.model
-    observation, final = search.observation, solution.configuration
-    seen = search.seen_shares(final)[0]
+    observation, final = comparison.observation, solution.configuration
+    seen = comparison.seen_shares(final)[0]
     with fit.watch.stage("equal answers"):
-        others = _others(search, final, finished, equal)
+        others = _others(comparison, final, finished, equal)
     state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
-    labels, distances = _labels(scan, search, observation.to_search(T_scan_parts))
+    labels, distances = _labels(scan, comparison, observation.to_search(T_scan_parts))
     explained = labels >= 0
     points = np.bincount(labels[explained], minlength=len(model.parts))
     squares = np.bincount(labels[explained], np.square(distances[explained]), len(model.parts))
@@ -54,14 +54,14 @@ def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: Esti
         evidence=judged.evidence,
         inlier_rmse=_rms(distances[explained]),
         scan_coverage=float(explained.mean()),
-        model_support=float(seen @ (search.weights * search.exists)),
+        model_support=float(seen @ (comparison.weights * comparison.exists)),
         viewpoint_known=observation.single_view,
         parts={
             part.name: PartEstimate(
                 T_scan_part=T_scan_parts[i],
                 residual=float(residuals[i]),
                 points=int(points[i]),
-                support=float(seen[i]) if search.exists[i] else float("nan"),
+                support=float(seen[i]) if comparison.exists[i] else float("nan"),
             )
             for i, part in enumerate(model.parts)
         },
@@ -85,18 +85,18 @@ def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: Esti
     )
 
 
-def _others(search: TreeSearch, final: Candidates, finished: Candidates, made: Candidates) -> Candidates:
+def _others(comparison: ScanComparison, final: Candidates, finished: Candidates, made: Candidates) -> Candidates:
     """Return what the search found besides the answer, and what the model's symmetry `made` of it, best first."""
     if len(made):
         # Parts only nearly look alike, so that a little refinement may help, or not.
-        refined = search.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
+        refined = comparison.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
         made = Candidates.concatenate([made, refined])
         # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
-        covered = total_coverage(search, Candidates.concatenate([final, made]))
+        covered = total_coverage(comparison, Candidates.concatenate([final, made]))
         made = Candidates(made.bases, made.values, finished.scores[0] - (covered[0] - covered[1:]))
     answer = Candidates(final.bases, final.values, np.full(1, np.inf, np.float32))
     several = Candidates.concatenate([answer, finished.take(slice(1, None)), made])
-    return search.distinct(several, len(several), search.options.distinct).take(slice(1, None))
+    return comparison.distinct(several, len(several), comparison.options.distinct).take(slice(1, None))
 
 
 def state_of(model: ArticulatedModel, observation: Observation, base: Array, values: Array) -> State:
@@ -109,10 +109,11 @@ def state_of(model: ArticulatedModel, observation: Observation, base: Array, val
     )
 
 
-def _labels(scan: Scan, search: TreeSearch, placements: Array) -> tuple[NDArray[np.int64], Array]:
+def _labels(scan: Scan, comparison: ScanComparison, placements: Array) -> tuple[NDArray[np.int64], Array]:
     """Return per kept scan point the part it lies on (-1: none) and its distance (m)."""
-    observation = search.observation
-    distance, part = search.assigned(observation.scaled(scan.points), placements, search.exists, search.reach)
+    observation = comparison.observation
+    points, exists = observation.scaled(scan.points), comparison.exists
+    distance, part = comparison.assigned(points, placements, exists, comparison.reach)
     return np.asarray(part, np.int64), distance.astype(float) * observation.diagonal
 
 

@@ -67,13 +67,13 @@ def estimated(
 def _from_other_sides(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from one
     side only, and return the best."""
-    observation = fit.solver.search.observation
+    observation = fit.solver.comparison.observation
     if observation.scene or fit.scan.sensor_origin is not None:
         return fit, estimate
     first, turned = fit, np.zeros(len(observation.points), bool)
     tried = {turned.tobytes()}
     for _ in range(OTHER_SIDES):
-        parts = turned_over(fit.solver.search, fit.finished.take([0]))
+        parts = turned_over(fit.solver.comparison, fit.finished.take([0]))
         several = [np.any(parts, axis=0)] if len(parts) > 1 else []
         best, now = fit, turned
         for over in several + parts:
@@ -92,7 +92,7 @@ def _from_other_sides(estimator: Estimator, fit: SearchedScan, estimate: Estimat
 
 def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> SearchedScan | None:
     """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
-    observation, enough = fit.solver.search.observation, fit.finished.scores[0] + OTHER_SIDE
+    observation, enough = fit.solver.comparison.observation, fit.finished.scores[0] + OTHER_SIDE
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
     try:
         from_answer = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, turned=turned)
@@ -110,7 +110,7 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> Searc
 def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view that the border of its picture cuts, as one that tells nothing of what is beyond, and return
     the best answer by what it then tells. An answer from a guess was not led away from it by free space."""
-    observation = fit.solver.search.observation
+    observation = fit.solver.comparison.observation
     if observation.scene or not observation.single_view or len(observation.borders) or fit.initial is not None:
         return fit, estimate
     borders = borders_of(fit.scan, observation, estimator.threads)
@@ -118,7 +118,7 @@ def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate)
         return fit, estimate
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
     best = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, borders=borders)
-    if not is_plainly_right(best.solver.search, best.finished.take([0])):
+    if not is_plainly_right(best.solver.comparison, best.finished.take([0])):
         anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
         best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
     best = replace(best, initial=None, prior=fit.prior)
@@ -131,7 +131,7 @@ def _beside_surroundings(estimator: Estimator, fit: SearchedScan, estimate: Esti
     The patch draws parts of the model to it, and passes for a sign that something else was scanned.
     """
     model, options = estimator.model, estimator.options
-    observation, evidence = fit.solver.search.observation, estimate.evidence
+    observation, evidence = fit.solver.comparison.observation, estimate.evidence
     if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
         return fit, estimate
     near = without_far_points(fit.scan, model.reach)
@@ -147,7 +147,7 @@ def _beside_surroundings(estimator: Estimator, fit: SearchedScan, estimate: Esti
 def _without_sensor_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and return
     that answer if it is good: the origin must be wrong."""
-    observation = fit.solver.search.observation
+    observation = fit.solver.comparison.observation
     if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
         return fit, estimate
     other = _sighted(estimator, fit, fit.scan.without_sensor_origin())
@@ -164,7 +164,7 @@ def _without_sensor_origin(estimator: Estimator, fit: SearchedScan, estimate: Es
 def _seen_from_own_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were seen
     from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
-    known, observation = fit.scan.sensor_origin is not None, fit.solver.search.observation
+    known, observation = fit.scan.sensor_origin is not None, fit.solver.comparison.observation
     if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
         return fit, estimate
     scan, diagonal = fit.scan.with_sensor_origin(np.zeros(3)), estimator.model.diagonal
@@ -200,7 +200,7 @@ def _sighted(estimator: Estimator, fit: SearchedScan, scan: Scan) -> Answer | No
 
 def _searched_soundness(fit: SearchedScan) -> float:
     """Return how sound the answer is that a search ended with."""
-    return soundness(gathered(fit.solver.search, fit.finished.take([0]), fit.finished))
+    return soundness(gathered(fit.solver.comparison, fit.finished.take([0]), fit.finished))
 
 
 def _again(estimator: Estimator, fit: SearchedScan, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
@@ -222,7 +222,7 @@ def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Est
     told = options.base != BasePrior() or options.region is not None or options.near is not None
     told = told or fit.initial is not None or fit.correspondences is not None
     odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
-    if told or not odd or fit.solver.search.observation.scene:
+    if told or not odd or fit.solver.comparison.observation.scene:
         return estimate
     try:
         # Of the model, the image is found without repair; of anything else, repair takes most of the time.
@@ -230,7 +230,7 @@ def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Est
         image = Estimator(estimator.model, quick).fit(fit.scan.mirrored(), None, None, fit.watch)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return estimate
-    if image.solver.search.observation.scene:  # its scores do not compare
+    if image.solver.comparison.observation.scene:  # its scores do not compare
         return estimate
     evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
     if evidence.mirrored > MIRRORED[0]:

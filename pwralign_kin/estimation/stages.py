@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
@@ -30,6 +31,10 @@ class SearchedScan:
     prior: Array
     """(k,) values in search units that joints keep where the scan does not tell."""
     watch: Stopwatch
+
+    def knowing(self, known: SearchPrior) -> SearchedScan:
+        """Return the same, judged from here on by another prior of base and joints."""
+        return replace(self, solver=self.solver.knowing(known))
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from truths import true_candidate
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 
@@ -47,13 +51,26 @@ def units(arm: pk.ArticulatedModel) -> np.ndarray:
 
 
 @pytest.fixture(scope="session")
-def search(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray) -> TreeSearch:
+def comparison(arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray) -> ScanComparison:
     observation = observe(full_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    return TreeSearch(
+    return ScanComparison(
         Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
         observation,
         SearchPrior.nothing(arm.values({}) / units),
     )
+
+
+@pytest.fixture(scope="session")
+def search(comparison: ScanComparison) -> TreeSearch:
+    return TreeSearch(comparison)
+
+
+@pytest.fixture(scope="session")
+def right(
+    arm: pk.ArticulatedModel, full_scan: SimulatedScan, comparison: ScanComparison, units: np.ndarray
+) -> Candidates:
+    """The truth about the full scan."""
+    return true_candidate(arm, comparison.observation, full_scan, units)
 
 
 @pytest.fixture(scope="session")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, SceneSetup, observe_scene
 from pwralign_kin.se3 import transform
@@ -26,10 +28,14 @@ def observed(
     return observe_scene(scan, scenes_of(model, threads), box)
 
 
-def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
-    return TreeSearch(
+def comparing(model: pk.ArticulatedModel, ready: Observation) -> ScanComparison:
+    return ScanComparison(
         Sought(model.kernel_model, model.surfaces, SearchOptions(), 2), ready, SearchPrior.nothing(model.values({}))
     )
+
+
+def searching(model: pk.ArticulatedModel, ready: Observation) -> TreeSearch:
+    return TreeSearch(comparing(model, ready))
 
 
 def true_and_moved(model: pk.ArticulatedModel, made: SimulatedScan, ready: Observation) -> Candidates:

@@ -12,8 +12,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation import Correspondences, second_looks
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch, Found
 from pwralign_kin.exceptions import (
     ArgumentError,
     CorrespondenceError,
@@ -434,10 +433,10 @@ def test_an_untold_sensor_origin_is_that_of_a_cameras_own_frame(
     scan, without_guess = single_scan.scan, AnswerSearch.without_guess
     assert scan.sensor_origin is not None
 
-    def misled(search: AnswerSearch) -> Candidates:
+    def misled(search: AnswerSearch) -> Found:
         found = without_guess(search)
         if not search.search.observation.single_view:
-            found.bases[:, :3, 3] += 0.3
+            found.solutions.bases[:, :3, 3] += 0.3
         return found
 
     monkeypatch.setattr(AnswerSearch, "without_guess", misled)
@@ -453,10 +452,10 @@ def test_a_scan_of_all_sides_is_not_taken_for_a_cameras_own_frame(
     """Slender robots in clutter were searched once more, in vain, for twice the time of all the rest."""
     views, without_guess = [], AnswerSearch.without_guess
 
-    def misled(search: AnswerSearch) -> Candidates:
+    def misled(search: AnswerSearch) -> Found:
         found = without_guess(search)
         views.append(search.search.observation.single_view)
-        found.bases[:, :3, 3] += 0.3
+        found.solutions.bases[:, :3, 3] += 0.3
         return found
 
     monkeypatch.setattr(AnswerSearch, "without_guess", misled)
@@ -476,7 +475,7 @@ def test_an_answer_stands_where_nothing_is_found_without_the_sensor_origin(
     searched = []
     without_guess = AnswerSearch.without_guess
 
-    def blind(search: AnswerSearch) -> Candidates:
+    def blind(search: AnswerSearch) -> Found:
         searched.append(search.search.observation.single_view)
         if not searched[-1]:
             raise CorrespondenceError("scan", "nothing placed")

@@ -45,7 +45,7 @@ def test_a_second_look_beside_surroundings_must_be_sounder_and_no_less_confident
     monkeypatch.setattr(estimator, "fit", mock.Mock())
     monkeypatch.setattr(estimator, "finished", lambda fit: second)
     searched = mock.Mock(scan=scan)
-    searched.solver.search.observation.scene = False
+    searched.solver.comparison.observation.scene = False
     answer = second_looks._beside_surroundings(estimator, searched, first)[1]
     assert answer is (second if taken else first)
     assert estimator.fit.call_args.args[4].all()  # what the first answer left unexplained

@@ -9,14 +9,16 @@ from functools import partial
 import numpy as np
 
 from pwralign_kin.estimation.answers.plainly_right import PLAIN_OFF, is_explained, is_plainly_right, off_surface
-from pwralign_kin.estimation.answers.ranking import better_ranked, ranked, ranks
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.ranking import better_ranked, ranked, ranks
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences, oriented_pairs
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import unlike
@@ -66,6 +68,16 @@ class Effort:
     """Rounds of repair, at most."""
 
 
+@dataclass(frozen=True)
+class Found:
+    """The answers that a search ends with."""
+
+    solutions: Candidates
+    """Best first."""
+    comparison: ScanComparison
+    """What scored them, and compares them from then on."""
+
+
 EFFORTS = {
     "fast": Effort(searches=1, until_agreed=False, repairs=3),
     "default": Effort(searches=2, until_agreed=False, repairs=10),
@@ -88,7 +100,7 @@ class AnswerSearch:
         """Take the prepared search, and correspondences of other sources."""
         self.model = model
         self.search = search
-        """What answers are compared by: at first as given."""
+        self.comparison = search.comparison
         self.options = options
         self.effort = EFFORTS[options.effort]
         self.repairing = replace(options.repair, rounds=min(options.repair.rounds, self.effort.repairs))
@@ -97,7 +109,7 @@ class AnswerSearch:
         near = options.near
         self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
 
-    def without_guess(self) -> Candidates:
+    def without_guess(self) -> Found:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
 
         Where the first finds nothing convincing, the others look at pieces of the scan as well, and take it that a
@@ -105,85 +117,89 @@ class AnswerSearch:
         """
         several: list[Candidates] = []
         for attempt in range(self.effort.searches):
-            search = self.search if attempt == 0 else self.search.tolerant()
+            search = self.search if attempt == 0 else TreeSearch(self.comparison.tolerant())
             seed = self.options.seed + attempt
             found = self._once_more(seed, search, self._distinct(several)) if several else self._once(seed)
             several.append(found)
-            several = [search.scored(found)[0].best_first() for found in several]
+            several = [search.comparison.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
             if self._is_settled(best, several):
                 break
-        self.search = search
-        return best
+        return Found(best, search.comparison)
 
-    def from_guess(self, base: Array, values: Array) -> Candidates:
+    def from_guess(self, base: Array, values: Array) -> Found:
         """Return the answers near a guess, best first; those of a search as well where it leaves much unexplained."""
-        search = self.search
-        start = Candidates.single(base, values)
+        solutions = self._near_guess(Candidates.single(base, values))
+        if self.comparison.unexplained(solutions.take([0])) <= UNCONVINCING:
+            return Found(solutions, self.comparison)
+        anywhere = self.without_guess()
+        rescored = anywhere.comparison.scored(solutions)[0]
+        return Found(self._distinct([rescored, anywhere.solutions]), anywhere.comparison)
+
+    def _near_guess(self, start: Candidates) -> Candidates:
+        """Return the answers near one configuration, best first; one alone that is plainly right."""
+        search, comparison = self.search, self.comparison
         with self.watch.stage("refinement"):
             found: list[Candidates] = []
             for answer in self._refined_from_all_scales(start):
-                if is_plainly_right(search, answer):
+                if is_plainly_right(comparison, answer):
                     return answer
                 found.append(answer)
             refined = Candidates.concatenate(found).best_first()
-            agreed = len(search.distinct(refined, len(refined), search.options.alike)) == 1
-            if agreed and is_plainly_right(search, refined.take([0]), AGREED_DOUBT):
+            agreed = len(comparison.distinct(refined, len(refined), search.options.alike)) == 1
+            if agreed and is_plainly_right(comparison, refined.take([0]), AGREED_DOUBT):
                 return refined.take([0])
             # Where only what is not seen speaks against an answer, no joint on its own is what is wrong.
-            if not is_explained(search, refined.take([0])):
+            if not is_explained(comparison, refined.take([0])):
                 refined = Candidates.concatenate([self._nudged(refined.take([0])), refined])
-                if is_plainly_right(search, refined.take([0])):
+                if is_plainly_right(comparison, refined.take([0])):
                     return refined.take([0])
         with self.watch.stage("repair"):
-            first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, search))
-            if is_plainly_right(search, first.take([0])):
+            first = repair(search, refined, self.repairing, turn=False, enough=partial(is_plainly_right, comparison))
+            if is_plainly_right(comparison, first.take([0])):
                 return first
-            solutions = self._reinterpreted(search, first)
-        if search.unexplained(solutions.take([0])) > UNCONVINCING:
-            anywhere = self.without_guess()
-            return self._distinct([self.search.scored(solutions)[0], anywhere])
-        return solutions
+            return self._reinterpreted(search, first)
 
     def _refined_from_all_scales(self, start: Candidates) -> Iterator[Candidates]:
         for sigma in WARM_SIGMAS:
-            yield self.search.scored(self.search.refined(start, iterations=25, sigma=sigma))[0]
+            yield self.comparison.scored(self.comparison.refined(start, iterations=25, sigma=sigma))[0]
 
     def _nudged(self, answer: Candidates) -> Candidates:
         """Return one answer with joints moved to where they are better, until it is plainly right or nothing gains."""
-        search = self.search
+        comparison = self.comparison
         joints = np.arange(answer.values.shape[1], dtype=np.int32)
         for _ in range(NUDGES):
-            moved = search.swept(answer, joints, np.zeros(len(joints), bool), keep=1).best_first()
-            refined = search.refined(moved.take(slice(NUDGED)), sigma=NUDGE_SIGMA)
-            before, answer = answer, Candidates.concatenate([answer, search.scored(refined)[0]]).best_first().take([0])
+            moved = comparison.swept(answer, joints, np.zeros(len(joints), bool), keep=1).best_first()
+            refined = comparison.refined(moved.take(slice(NUDGED)), sigma=NUDGE_SIGMA)
+            several = Candidates.concatenate([answer, comparison.scored(refined)[0]])
+            before, answer = answer, several.best_first().take([0])
             gained = answer.scores[0] > before.scores[0] + self.repairing.gain
-            if not gained or is_plainly_right(search, answer):
+            if not gained or is_plainly_right(comparison, answer):
                 break
         return answer
 
-    def finished(self, solutions: Candidates) -> Candidates:
+    def finished(self, found: Found) -> Candidates:
         """Refine near-ties to the end with all points and rank them by coarse and tight scores together."""
-        search = self.search
+        solutions, comparison = found.solutions, found.comparison
         if self.near is not None:
-            passing = solutions.take(search.passes(solutions, self.near))
+            passing = solutions.take(comparison.passes(solutions, self.near))
             solutions = passing if len(passing) else solutions
         near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
-        points = search.options.fine_points
-        fine = search.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
-        if not search.observation.single_view:
+        points = comparison.options.fine_points
+        fine = comparison.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        if not comparison.observation.single_view:
             # Parts that the scan lacks must not be pulled to their neighbours' points.
-            absent = search.exists & (search.scored(fine)[1] < 0.2)
+            absent = comparison.exists & (comparison.scored(fine)[1] < 0.2)
             again = absent.any(axis=1)
             if again.any():
-                weights = np.ascontiguousarray(search.weights * ~absent[again], np.float32)
-                mended = search.refined(
+                weights = np.ascontiguousarray(comparison.weights * ~absent[again], np.float32)
+                mended = comparison.refined(
                     fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
-        if not search.observation.scene:
-            return ranked(search, fine)
-        return priced(search, better_ranked(search, near, fine)).best_first()
+        if not comparison.observation.scene:
+            return ranked(comparison, fine)
+        return priced(comparison, better_ranked(comparison, near, fine)).best_first()
 
     def _is_settled(self, best: Candidates, several: list[Candidates]) -> bool:
         """Return whether another search would be in vain."""
@@ -193,25 +209,26 @@ class AnswerSearch:
         if self.effort.until_agreed or not (self._is_convincing(best.take([0])) and self._is_close(best.take([0]))):
             return False
         # Among other things, a wrong answer may explain enough for all of its parts.
-        explained = self.search.unexplained(best.take([0])) <= UNCONVINCING
-        return explained or self._soundness(self.search, best) >= HARDLY_SOUND
+        explained = self.comparison.unexplained(best.take([0])) <= UNCONVINCING
+        return explained or self._soundness(self.comparison, best) >= HARDLY_SOUND
 
     def _is_convincing(self, best: Candidates) -> bool:
         """Return whether an answer to a scan of the model leaves little unexplained that parts of it lack."""
         # A scan that holds more than the model leaves something unexplained however good the answer.
-        if self.search.is_contradicted(best):
+        if self.comparison.is_contradicted(best):
             return False
-        return self._lacking(best) <= LACKING or self.search.unexplained(best) <= UNCONVINCING
+        return self._lacking(best) <= LACKING or self.comparison.unexplained(best) <= UNCONVINCING
 
     def _lacking(self, best: Candidates) -> float:
         """Return the share of the model's surface in parts that explain too little."""
-        return float(self.search.weights[self.search.lacks(best)].sum())
+        return float(self.comparison.weights[self.comparison.lacks(best)].sum())
 
     def _is_close(self, best: Candidates) -> bool:
         """Return whether an answer that lacks parts lies as close to the scan as a right one would."""
         if self._lacking(best) <= LACKING:
             return True
-        return float(off_surface(self.search, self.search.owners(best, self.search.exists)[0]).mean()) <= PLAIN_OFF
+        distance = self.comparison.owners(best, self.comparison.exists)[0]
+        return float(off_surface(self.comparison, distance).mean()) <= PLAIN_OFF
 
     def _once(self, seed: int) -> Candidates:
         """Search a scan of the model. `CorrespondenceError` if no part fits."""
@@ -225,6 +242,7 @@ class AnswerSearch:
     def _once_more(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
         """Search a scan of the model by other samples, and its pieces too, until they lead to the best answer found
         `before` again; return what was found before where all of the scan does without repair."""
+        comparison = search.comparison
         several, hypotheses = [before], self._hypotheses(seed, search)
         if len(hypotheses.parts) > 0:
             several = [self._grown(search, hypotheses)]
@@ -236,11 +254,12 @@ class AnswerSearch:
             with self.watch.stage("growth"):
                 several += [search.grow(in_pieces, search.options.beam)] if len(in_pieces.parts) > 0 else []
         found = self._refined(search, Candidates.concatenate(several), times=2)
-        known = search.scored(before.take([0]))[0]
+        known = comparison.scored(before.take([0]))[0]
+        enough = partial(self._is_known, comparison, known)
         with self.watch.stage("repair"):
-            repaired = repair(search, found, self.repairing, turn=True, enough=partial(self._is_known, search, known))
-            if self._is_known(search, known, repaired.take([0])):
-                return self._distinct([search.scored(before)[0], repaired])
+            repaired = repair(search, found, self.repairing, turn=True, enough=enough)
+            if enough(repaired.take([0])):
+                return self._distinct([comparison.scored(before)[0], repaired])
             return self._reinterpreted(search, repaired)
 
     def _is_confirmed(self, search: TreeSearch, before: Candidates, grown: Candidates) -> bool:
@@ -249,11 +268,11 @@ class AnswerSearch:
         # Through holes a view seems to look past the model: all of it may lead to one wrong answer again.
         if search.observation.single_view:
             return False
-        return _is_one(search, before.take([0]), self._refined(search, grown).best_first().take([0]))
+        return _is_one(search.comparison, before.take([0]), self._refined(search, grown).best_first().take([0]))
 
-    def _is_known(self, search: TreeSearch, known: Candidates, found: Candidates) -> bool:
+    def _is_known(self, comparison: ScanComparison, known: Candidates, found: Candidates) -> bool:
         """Return whether an answer that was `found` is `known`, and no better than it was."""
-        return found.scores[0] <= known.scores[0] + self.repairing.gain and _is_one(search, known, found)
+        return found.scores[0] <= known.scores[0] + self.repairing.gain and _is_one(comparison, known, found)
 
     def _found(self, seed: int, search: TreeSearch, start: Candidates) -> Candidates:
         """Return what grows from hypotheses, and a configuration to `start` from, refined."""
@@ -266,8 +285,8 @@ class AnswerSearch:
         """Return the configurations that grow from hypotheses, and from a known base."""
         with self.watch.stage("growth"):
             grown = search.grow(hypotheses, search.options.beam)
-            if search.known.near:
-                from_base = search.widened().grow_from_bases(search.known.bases(), GROWN_FROM_BASE)
+            if search.comparison.known.near:
+                from_base = search.widened().grow_from_bases(search.comparison.known.bases(), GROWN_FROM_BASE)
                 grown = Candidates.concatenate([from_base, grown])
         return grown
 
@@ -281,23 +300,24 @@ class AnswerSearch:
             kept = search.sifted(grown, times * count)
             if start is not None:
                 kept = Candidates.concatenate([start, kept])
-            return search.scored(search.refined(kept))[0]
+            return search.comparison.scored(search.comparison.refined(kept))[0]
 
     def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
         return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""
+        comparison = search.comparison
         best = None
-        if self._soundness(search, solutions) < SOUND:
+        if self._soundness(comparison, solutions) < SOUND:
             best = self._read_otherwise(search, solutions.take([0]))
         if best is None:
             return solutions
-        others = unlike(search, solutions, [best], search.options.distinct)
+        others = unlike(comparison, solutions, [best], search.options.distinct)
         # The others were repaired before.
         few = replace(self.repairing, rounds=1, early_rounds=0, late_solutions=1)
         read = repair(search, Candidates.concatenate([best, others]), few, turn=False)
-        before, after = ranks(search, Candidates.concatenate([solutions.take([0]), read.take([0])]))
+        before, after = ranks(comparison, Candidates.concatenate([solutions.take([0]), read.take([0])]))
         return read if after >= before + READING_GAIN else solutions
 
     def _read_otherwise(self, search: TreeSearch, solution: Candidates) -> Candidates | None:
@@ -305,25 +325,26 @@ class AnswerSearch:
 
         The tight score decides as well: the surfaces differ by little.
         """
+        comparison = search.comparison
         # What refinement alone would gain is no merit of another reading.
-        best = start = ranked(search, refined_both_ways(search, solution)).take([0])
+        best = start = ranked(comparison, refined_both_ways(comparison, solution)).take([0])
         for _ in range(READINGS):
             found = reinterpreted(self.model, search, best, self.options.reinterpretation)
             if found is None:
                 break
-            better = ranked(search, Candidates.concatenate([best, found])).take([0])
+            better = ranked(comparison, Candidates.concatenate([best, found])).take([0])
             if better.scores[0] < best.scores[0] + READING_GAIN:
                 break
             best = better
-        return search.scored(best)[0] if best is not start else None
+        return comparison.scored(best)[0] if best is not start else None
 
-    def _soundness(self, search: TreeSearch, solutions: Candidates) -> float:
+    def _soundness(self, comparison: ScanComparison, solutions: Candidates) -> float:
         """Return how sound the best of several solutions is."""
-        return soundness(gathered(search, solutions.take([0]), solutions))
+        return soundness(gathered(comparison, solutions.take([0]), solutions))
 
     def _distinct(self, several: list[Candidates]) -> Candidates:
         together = Candidates.concatenate(several)
-        return self.search.distinct(together, self.repairing.solutions, self.search.options.distinct)
+        return self.comparison.distinct(together, self.repairing.solutions, self.comparison.options.distinct)
 
     def _hypotheses(self, seed: int, search: TreeSearch) -> Hypotheses:
         """Return the part hypotheses that are grown.
@@ -339,7 +360,7 @@ class AnswerSearch:
             promising = search.promising(found)
             if "faces" not in sources:
                 return promising
-            largest = search.largest_parts(search.options.root_parts)
+            largest = search.comparison.largest_parts(search.options.root_parts)
             return Hypotheses.concatenate([promising, face_hypotheses(search, largest, self.options.faces)])
 
     def _outside(self, seed: int) -> Hypotheses:
@@ -347,7 +368,7 @@ class AnswerSearch:
         search = self.search
         given = [] if self.correspondences is None else [self.correspondences]
         if "fpfh" in self.options.sources:
-            largest = search.largest_parts(search.options.root_parts)
+            largest = search.comparison.largest_parts(search.options.root_parts)
             given.append(self.options.fpfh.match(self.model, search.observation, largest.tolist()))
         oriented = [oriented_pairs(pairs, self.model, search.observation) for pairs in given]
         return Hypotheses.concatenate(
@@ -366,6 +387,6 @@ class AnswerSearch:
         )
 
 
-def _is_one(search: TreeSearch, one: Candidates, other: Candidates) -> bool:
+def _is_one(comparison: ScanComparison, one: Candidates, other: Candidates) -> bool:
     """Return whether two configurations (one each) are the same answer."""
-    return len(search.distinct(Candidates.concatenate([one, other]), 2, search.options.distinct)) == 1
+    return len(comparison.distinct(Candidates.concatenate([one, other]), 2, comparison.options.distinct)) == 1

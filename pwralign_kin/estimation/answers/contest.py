@@ -12,11 +12,12 @@ import numpy as np
 
 from pwralign_kin.estimation.answers.answer_search import EFFORTS
 from pwralign_kin.estimation.answers.mending import mended
-from pwralign_kin.estimation.answers.ranking import ranked, ranks
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.ranking import ranked, ranks
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import priced
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -42,15 +43,15 @@ def contested(
 
     None where there is none.
     """
-    search = solver.search
-    if search.known.held:
+    comparison = solver.comparison
+    if comparison.known.held:
         return None
-    if search.observation.scene:
+    if comparison.observation.scene:
         won = _repaired_in_scene(solver, final, options)
         return None if won is None else Candidates.concatenate([won, finished])
-    better = mended(solver.model, search, final)
+    better = mended(solver.model, comparison, final)
     final = final if better is None else better  # which may be held at a limit too
-    won = _better(search, final, _across_limits(solver, final))
+    won = _better(comparison, final, _across_limits(solver, final))
     won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
 
@@ -61,24 +62,24 @@ def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: Es
     Before, repair is short, for there are other answers to be told from this one; and only when all else is refined to
     the end do the scores tell which small part is wrong.
     """
-    search, answer = solver.search, final
-    focused = search.about(answer, options.scene_search.focus)
-    if focused.searched.sum() < LEAST_POINTS or focused is search:
+    comparison, answer = solver.comparison, final
+    focused = comparison.about(answer, options.scene_search.focus)
+    if focused.searched.sum() < LEAST_POINTS or focused is comparison:
         return None
-    view = close_up(search.observation, focused.searched, options.observation, options.scene, search.threads)
-    close = search.of(view)
+    scene, threads = comparison.observation, comparison.threads
+    close = comparison.of(close_up(scene, focused.searched, options.observation, options.scene, threads))
     for _ in range(TURNS):
         better = _better_held(solver.model, focused, close, answer, final, options)
         if better is None:
             break
         answer = better
-    return None if answer is final else priced(search, ranked(search, answer))
+    return None if answer is final else priced(comparison, ranked(comparison, answer))
 
 
 def _better_held(
     model: ArticulatedModel,
-    focused: TreeSearch,
-    close: TreeSearch,
+    focused: ScanComparison,
+    close: ScanComparison,
     answer: Candidates,
     final: Candidates,
     options: EstimatorOptions,
@@ -95,31 +96,35 @@ def _better_held(
 
 
 def _otherwise(
-    model: ArticulatedModel, focused: TreeSearch, close: TreeSearch, answer: Candidates, options: EstimatorOptions
+    model: ArticulatedModel,
+    focused: ScanComparison,
+    close: ScanComparison,
+    answer: Candidates,
+    options: EstimatorOptions,
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
     it `close` up."""
     scored, rounds = focused.scored(answer)[0], min(options.repair.rounds, EFFORTS[options.effort].repairs)
     # Nothing but the answer: what else comes up has most of the surface elsewhere.
     repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
-    repaired, better = repair(focused, scored, repairing, turn=False), mended(model, close, answer)
+    repaired, better = repair(TreeSearch(focused), scored, repairing, turn=False), mended(model, close, answer)
     return repaired if better is None else Candidates.concatenate([repaired, better])
 
 
-def _held(search: TreeSearch, several: Candidates, final: Candidates) -> Candidates:
+def _held(comparison: ScanComparison, several: Candidates, final: Candidates) -> Candidates:
     """Return those of several configurations that leave most of the surface where the final configuration has it."""
-    apart = np.linalg.norm(search.probe_positions(several) - search.probe_positions(final), axis=-1)
+    apart = np.linalg.norm(comparison.probe_positions(several) - comparison.probe_positions(final), axis=-1)
     return several.take(np.median(apart, axis=1) <= HELD)
 
 
-def _better(search: TreeSearch, final: Candidates, rivals: Candidates) -> Candidates | None:
+def _better(comparison: ScanComparison, final: Candidates, rivals: Candidates) -> Candidates | None:
     """Return the best of the rivals, refined, if its scores are better than those of the final configuration."""
     if len(rivals) == 0:
         return None
     # What refinement alone would gain is no merit of a rival.
-    settled, refined = refined_both_ways(search, final), refined_both_ways(search, rivals)
+    settled, refined = refined_both_ways(comparison, final), refined_both_ways(comparison, rivals)
     both = Candidates.concatenate([settled, refined])
-    scores = ranks(search, both)
+    scores = ranks(comparison, both)
     best = int(np.argmax(scores))
     if scores[best] < scores[: len(settled)].max() + GAIN:
         return None

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.joint_closing import BEYOND, JointClosing, chains_between
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, inverse
 
@@ -21,21 +21,21 @@ MOST = 6
 """Equal answers that are made."""
 
 
-def equal_answers(model: ArticulatedModel, search: TreeSearch, final: Candidates) -> Candidates:
+def equal_answers(model: ArticulatedModel, comparison: ScanComparison, final: Candidates) -> Candidates:
     """Return distinct configurations (unscored, at most `MOST`) whose surface is that of the `final` one."""
-    symmetry, places = model.symmetry, search.part_placements(final)[0]
-    follower, found = _Follower(model, search, final), final
+    symmetry, places = model.symmetry, comparison.part_placements(final)[0]
+    follower, found = _Follower(model, comparison, final), final
     seeds = [
-        (part, turn) for part in search.largest_parts(len(places)) for turn in symmetry.replacements(part, part)[1:]
+        (part, turn) for part in comparison.largest_parts(len(places)) for turn in symmetry.replacements(part, part)[1:]
     ]
     for part, turn in seeds[:SEEDS]:
         values = follower.follow(int(part), places[part] @ turn)
         if values is None:
             continue
-        at_origin = search.part_placements(Candidates.single(np.eye(4), values))[0]
+        at_origin = comparison.part_placements(Candidates.single(np.eye(4), values))[0]
         base = places[part] @ turn @ inverse(at_origin[part])
         other = Candidates.single(base, values, -np.inf)
-        found = search.distinct(Candidates.concatenate([found, other]), MOST + 1, search.options.distinct)
+        found = comparison.distinct(Candidates.concatenate([found, other]), MOST + 1, comparison.options.distinct)
         if len(found) > MOST:
             break
     return found.take(slice(1, None))
@@ -44,12 +44,12 @@ def equal_answers(model: ArticulatedModel, search: TreeSearch, final: Candidates
 class _Follower:
     """Lets all parts follow one that was turned."""
 
-    def __init__(self, model: ArticulatedModel, search: TreeSearch, final: Candidates) -> None:
+    def __init__(self, model: ArticulatedModel, comparison: ScanComparison, final: Candidates) -> None:
         self.model, self.symmetry = model, model.symmetry
-        self.places = search.part_placements(final)[0]
+        self.places = comparison.part_placements(final)[0]
         self.values = final.values[0]
         self.chains = chains_between(model)
-        self.closing = JointClosing(model, search.model)
+        self.closing = JointClosing(model, comparison.model)
         kind = model.symmetry.kind
         self.alike = [
             [part, *(int(i) for i in np.flatnonzero(kind == kind[part]) if i != part)] for part in range(len(kind))

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.answers.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -41,25 +42,25 @@ APART = 0.015
 """Displacement of one part (model diagonals) from which on two configurations are not the same."""
 
 
-def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> Candidates | None:
+def mended(model: ArticulatedModel, comparison: ScanComparison, answer: Candidates) -> Candidates | None:
     """Return a better configuration than `answer` (one), with other values in limbs that lie off their points.
 
     None if no part does, or none is found, and in a bent scan.
     """
-    if search.residual(answer) > BENT * np.hypot(search.observation.noise, SAMPLING):
+    if comparison.residual(answer) > BENT * np.hypot(comparison.observation.noise, SAMPLING):
         return None
-    mender = _Mender(model, search)
+    mender = _Mender(model, comparison)
     found = None
     for _ in range(ROUNDS):
-        parts, less = off_points(search, answer)
+        parts, less = off_points(comparison, answer)
         if len(parts) == 0:
             break
         # What refinement alone would gain is no merit of a repair.
-        start = ranked(search, answer if found is not None else refined_both_ways(search, answer)).take([0])
-        tried = [start, *(refined_both_ways(search, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
+        start = ranked(comparison, answer if found is not None else refined_both_ways(comparison, answer)).take([0])
+        tried = [start, *(refined_both_ways(comparison, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
         several = Candidates.concatenate(tried)
-        each = finest(search, several)
-        scores, likelihoods = ranks(search, several, each), each * len(search.observation.given)
+        each = finest(comparison, several)
+        scores, likelihoods = ranks(comparison, several, each), each * len(comparison.observation.given)
         needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
         likely = np.flatnonzero(likelihoods >= likelihoods[0] + needed)
         best = likely[np.argmax(scores[likely])]
@@ -69,11 +70,11 @@ def mended(model: ArticulatedModel, search: TreeSearch, answer: Candidates) -> C
     return found
 
 
-def off_points(search: TreeSearch, answer: Candidates) -> tuple[Ints, Array]:
+def off_points(comparison: ScanComparison, answer: Candidates) -> tuple[Ints, Array]:
     """Return the parts whose points lie off them more than the points of others, the worst first, and by how much the
     logarithm of the likelihood of their points is less than that of as many usual ones."""
-    likelihoods, part = point_likelihoods(search, answer)
-    count = len(search.exists)
+    likelihoods, part = point_likelihoods(comparison, answer)
+    count = len(comparison.exists)
     points = np.bincount(part[part >= 0], minlength=count)
     each = np.bincount(part[part >= 0], likelihoods[part >= 0], count) / np.maximum(points, 1)
     less = np.median(each[points > 0]) - each if points.any() else np.zeros(count)
@@ -85,21 +86,22 @@ def off_points(search: TreeSearch, answer: Candidates) -> tuple[Ints, Array]:
 class _Mender:
     """Holds parts of one model otherwise."""
 
-    def __init__(self, model: ArticulatedModel, search: TreeSearch) -> None:
-        self.search, self.symmetry = search, model.symmetry
-        self.closing = JointClosing(model, search.model)
+    def __init__(self, model: ArticulatedModel, comparison: ScanComparison) -> None:
+        self.comparison, self.symmetry = comparison, model.symmetry
+        self.search = TreeSearch(comparison)
+        self.closing = JointClosing(model, comparison.model)
         self.chains = {chain.below: chain for chain in chains_between(model)}
 
     def ways_of(self, answer: Candidates, part: int) -> Candidates:
         """Return the likeliest configurations in which a part is elsewhere, with what hangs on it."""
-        search, held = self.search, self._held_otherwise(answer, part)
-        apart = APART / int(search.exists.sum())
-        swept = self._swept(search.distinct(search.scored(held)[0], HELD, apart), part)
-        return search.distinct(search.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
+        comparison, held = self.comparison, self._held_otherwise(answer, part)
+        apart = APART / int(comparison.exists.sum())
+        swept = self._swept(comparison.distinct(comparison.scored(held)[0], HELD, apart), part)
+        return comparison.distinct(comparison.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
 
     def _held_otherwise(self, answer: Candidates, part: int) -> Candidates:
         """Return the answer, and others in which a limb that ends with `part`, or begins with it, is held otherwise."""
-        found, lower, onward = [answer], part, np.flatnonzero(self.search.parent == part).tolist()
+        found, lower, onward = [answer], part, np.flatnonzero(self.comparison.parent == part).tolist()
         for _ in range(UP + 1):
             above, cut = self._above(lower)
             if above < 0:
@@ -113,7 +115,7 @@ class _Mender:
 
     def _above(self, part: int) -> tuple[int, int]:
         """Return the next part with surface above one, -1 if none has, and the part below that on the way."""
-        parent, exists = self.search.parent, self.search.exists
+        parent, exists = self.comparison.parent, self.comparison.exists
         cut = part
         while cut > 0 and not exists[parent[cut]]:
             cut = int(parent[cut])
@@ -122,7 +124,7 @@ class _Mender:
     def _turned(self, answer: Candidates, part: int, chain: Chain) -> Candidates:
         """Return the answer with a part turned by the motions that map it onto itself, or nearly do, as its joints let
         it."""
-        placements = self.search.part_placements(answer)[0]
+        placements = self.comparison.part_placements(answer)[0]
         turns = np.concatenate([self.symmetry.replacements(part, part)[1:], self.symmetry.nearly[part]])
         if len(turns) == 0:
             return answer.take(slice(0, 0))
@@ -139,13 +141,8 @@ class _Mender:
     def _swept(self, several: Candidates, part: int) -> Candidates:
         """Return the configurations with the joint that a part hangs on swept, together with that before it where no
         surface lies between them."""
-        search, count = self.search, len(several)
-        joint, before = (int(search.model.actuated[i]) for i in (part, search.parent[part]))
-        pair = search.parent[part] > 0 and not search.exists[search.parent[part]] and joint != before
+        comparison = self.comparison
+        joint, before = (int(comparison.model.actuated[i]) for i in (part, comparison.parent[part]))
+        pair = comparison.parent[part] > 0 and not comparison.exists[comparison.parent[part]] and joint != before
         first, second = (before, joint) if pair else (joint, -1)
-        return Candidates(
-            *search.native.sweep(
-                several.bases, several.values, np.arange(count, dtype=np.int32), np.full(count, first, np.int32),
-                np.zeros(count, np.uint8), np.full(count, second, np.int32), SWEPT,
-            )
-        )  # fmt: skip
+        return comparison.swept_each(several, first, second, SWEPT)

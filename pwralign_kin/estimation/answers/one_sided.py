@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 
 FLAT = 0.8
 """Share of the squares of a part's normals along one direction from which on what is seen of it is flat, ..."""
@@ -24,14 +24,14 @@ PARTS = 3
 """How many parts, those with most points first."""
 
 
-def turned_over(search: TreeSearch, answer: Candidates) -> list[NDArray[np.bool_]]:
+def turned_over(comparison: ScanComparison, answer: Candidates) -> list[NDArray[np.bool_]]:
     """Return for each flat part of `answer` (one) that is seen from one side which points (m,) face that way."""
-    observation = search.observation
-    distance, owner = search.assigned(
-        observation.points, search.part_placements(answer)[0], search.exists, search.options.near
+    observation = comparison.observation
+    distance, owner = comparison.assigned(
+        observation.points, comparison.part_placements(answer)[0], comparison.exists, comparison.options.near
     )
-    owner = np.where(distance < search.reach, owner, -1)
-    points = np.bincount(owner[owner >= 0], minlength=len(search.exists))
+    owner = np.where(distance < comparison.reach, owner, -1)
+    points = np.bincount(owner[owner >= 0], minlength=len(comparison.exists))
     least = max(LEAST_POINTS, LEAST_SHARE * len(owner))
     turned: list[NDArray[np.bool_]] = []
     for part in np.argsort(-points, kind="stable"):

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch, Found
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import best_priced, priced
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import best_priced, priced
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import RegionSearch, is_at, is_convincing, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
@@ -25,7 +26,7 @@ from pwralign_kin.se3 import Array
 class _Look:
     """A close look at one place in a scene."""
 
-    focused: TreeSearch
+    focused: ScanComparison
     """The scene about it."""
     closely: AnswerSearch
     """The search of what is about it as a scan of the model alone, ..."""
@@ -49,7 +50,7 @@ class _Known:
 class SceneAnswerSearch(AnswerSearch):
     """The search for the answers to one scene, which the model is somewhere in."""
 
-    def without_guess(self) -> Candidates:
+    def without_guess(self) -> Found:
         """Search a scene, region by region, and repair what is found, until an answer is sound."""
         options = self.options.scene_search
         regions = RegionSearch(
@@ -57,7 +58,7 @@ class SceneAnswerSearch(AnswerSearch):
             faces=self.options.faces if "faces" in self.options.sources else None,
         )  # fmt: skip
         several: list[Candidates] = []
-        again = np.zeros_like(self.search.searched)
+        again = np.zeros_like(self.comparison.searched)
         known = _Known([], [], again.copy())
         for attempt in range(self.effort.searches):
             seed = self.options.seed + attempt
@@ -68,7 +69,7 @@ class SceneAnswerSearch(AnswerSearch):
             if found is None:
                 break
             several.append(found)
-            left = unlike(self.search, Candidates.concatenate(several), known.answers, options.apart).best_first()
+            left = unlike(self.comparison, Candidates.concatenate(several), known.answers, options.apart).best_first()
             if len(left):
                 with self.watch.stage("repair"):
                     known.answers.append(self._repaired_one_by_one(seed, left, known))
@@ -85,19 +86,19 @@ class SceneAnswerSearch(AnswerSearch):
                 sure = self._sureness(best)
             if sure >= options.confident:
                 break
-        return best
+        return Found(best, self.comparison)
 
-    def from_guess(self, base: Array, values: Array) -> Candidates:
+    def from_guess(self, base: Array, values: Array) -> Found:
         """Return the answers near a guess, best first, of which none is plainly right in a scene."""
-        search, start = self.search, Candidates.single(base, values)
+        start = Candidates.single(base, values)
         with self.watch.stage("refinement"):
             refined = Candidates.concatenate(list(self._refined_from_all_scales(start))).best_first()
         with self.watch.stage("repair"):
-            solutions = repair(search, refined, self.repairing, turn=False)
+            solutions = repair(self.search, refined, self.repairing, turn=False)
         # Things may touch the model.
-        if search.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
-            return self._distinct([solutions, self.without_guess()])
-        return solutions
+        if self.comparison.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
+            solutions = self._distinct([solutions, self.without_guess().solutions])
+        return Found(solutions, self.comparison)
 
     def _looked_at_again(self, seed: int, answer: Candidates) -> Candidates:
         """Return what a close look at one answer to a scene finds, itself if nothing.
@@ -118,18 +119,18 @@ class SceneAnswerSearch(AnswerSearch):
             if look.best.scores[0] < best - options.gained:
                 break
             several.append(self._repaired(look))
-            if is_convincing(search, several[-1].take([0]), options):
+            if is_convincing(search.comparison, several[-1].take([0]), options):
                 break
-        return self._distinct(several or [priced(search, candidates)])
+        return self._distinct(several or [priced(search.comparison, candidates)])
 
     def _repaired(self, look: _Look) -> Candidates:
         """Return the answers that repair makes of what a close look found, closely and then in the scene."""
         rounds = min(self.options.scene_search.rounds, self.repairing.rounds)
         short = replace(self.repairing, rounds=rounds, early_rounds=0)
         repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
-        solutions = repair(look.focused, look.focused.scored(repaired)[0], short, turn=False)
+        solutions = repair(TreeSearch(look.focused), look.focused.scored(repaired)[0], short, turn=False)
         # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
-        return self._distinct([look.best, priced(self.search, self.search.scored(solutions)[0])])
+        return self._distinct([look.best, priced(self.comparison, self.comparison.scored(solutions)[0])])
 
     def _looks(self, seed: int, candidates: Candidates, known: _Known) -> list[_Look]:
         """Return close looks at the candidates of a scene that score best, in turn with those that explain most, until
@@ -139,11 +140,12 @@ class SceneAnswerSearch(AnswerSearch):
         it explains more.
         """
         search, options = self.search, self.options.scene_search
-        scored = priced(search, candidates)
-        rankings = scored, Candidates(scored.bases, scored.values, search.coverage(scored))
+        comparison = self.comparison
+        scored = priced(comparison, candidates)
+        rankings = scored, Candidates(scored.bases, scored.values, comparison.coverage(scored))
         looks: list[_Look] = []
         for rank in range(max(1, round(options.leaders * search.share_tried))):
-            left = unlike(search, rankings[rank % 2], known.looked, options.apart)
+            left = unlike(comparison, rankings[rank % 2], known.looked, options.apart)
             if len(left) == 0:
                 break
             leader = left.best_first().take([0])
@@ -157,18 +159,18 @@ class SceneAnswerSearch(AnswerSearch):
             else:
                 looks[there] = look = self._with_leader(looks[there], leader)
             known.looked.append(look.best)
-            if is_convincing(search, look.best, options):
+            if is_convincing(comparison, look.best, options):
                 break
         for look in looks:
             known.points |= look.focused.searched
         return looks
 
-    def _focused(self, candidate: Candidates) -> TreeSearch | None:
+    def _focused(self, candidate: Candidates) -> ScanComparison | None:
         """Return the scene about one candidate, None if nothing is near it."""
-        focused = self.search.about(candidate, self.options.scene_search.focus)
-        return None if focused is self.search or focused.searched.sum() < LEAST_POINTS else focused
+        focused = self.comparison.about(candidate, self.options.scene_search.focus)
+        return None if focused is self.comparison or focused.searched.sum() < LEAST_POINTS else focused
 
-    def _look(self, seed: int, leader: Candidates, focused: TreeSearch) -> _Look:
+    def _look(self, seed: int, leader: Candidates, focused: ScanComparison) -> _Look:
         """Return a close look at one candidate of a scene, which is `focused` on what is about it."""
         closely = self._closely(focused)
         found = closely._found(seed, closely.search, leader)
@@ -176,28 +178,29 @@ class SceneAnswerSearch(AnswerSearch):
 
     def _with_leader(self, look: _Look, leader: Candidates) -> _Look:
         """Return a look with one more candidate at its place refined."""
-        search = look.closely.search
-        refined = search.scored(search.refined(leader))[0]
+        closely = look.closely.comparison
+        refined = closely.scored(closely.refined(leader))[0]
         best = Candidates.concatenate([look.best, self._best_in_scene(refined)]).best_first().take([0])
         return replace(look, found=Candidates.concatenate([look.found, refined]), best=best)
 
     def _best_in_scene(self, found: Candidates) -> Candidates:
         """Return the best (one) of what was found closely, as the scene has it."""
-        return best_priced(self.search, self.search.scored(found)[0])
+        return best_priced(self.comparison, self.comparison.scored(found)[0])
 
-    def _closely(self, focused: TreeSearch) -> AnswerSearch:
+    def _closely(self, focused: ScanComparison) -> AnswerSearch:
         """Return a search that takes the `focused` points of a scene for a scan of the model alone.
 
         Among so much less, more hypotheses are about the model, and all that is near it should be explained.
         """
         options, scene = self.options, self.search.observation
-        view = close_up(scene, focused.searched, options.observation, options.scene, self.search.threads)
+        view = close_up(scene, focused.searched, options.observation, options.scene, self.comparison.threads)
         # Its stages are all repair of the scene. Correspondences have had their say in the whole of it.
-        return AnswerSearch(self.model, self.search.of(view), options, None, Stopwatch(self.watch.progress))
+        search = TreeSearch(self.comparison.of(view))
+        return AnswerSearch(self.model, search, options, None, Stopwatch(self.watch.progress))
 
     def _sureness(self, solutions: Candidates) -> float:
         """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much
         of what is near it unexplained."""
-        evidence, options = gathered(self.search, solutions.take([0]), solutions), self.options.scene_search
+        evidence, options = gathered(self.comparison, solutions.take([0]), solutions), self.options.scene_search
         alone = 1.0 - evidence.explained <= options.unexplained and evidence.continued <= options.continued
         return confidence(evidence) if alone and soundness(evidence) >= options.sound else 0.0

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import LEAST_POINTS, POINTS_AS_ONE, PROBE_SLIDE, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.se3 import Array
 
 SAME = 1e-6
@@ -94,7 +94,7 @@ def parted(solver: JointLeastSquares, solution: Solution, errors: Errors) -> Par
     """Give slides that cancel the values that the points prefer, and say how sure these are."""
     count = len(solution.values)
     held, untold, spread = np.zeros(count, bool), np.zeros(count, bool), np.zeros((6 + count, 6 + count))
-    pairs = cancelling(solution.problem.J, solver.search.exists, solver.model.prismatic & ~solver.locked)
+    pairs = cancelling(solution.problem.J, solver.comparison.exists, solver.model.prismatic & ~solver.locked)
     if not pairs:
         return Parted(solution, held, untold, spread)
     held[[joint for pair in pairs for joint in (pair.inner, pair.outer)]] = True
@@ -152,23 +152,24 @@ class _Slid:
     def __init__(self, solver: JointLeastSquares, base: Array, values: Array, pair: Cancelling, moves: Array) -> None:
         """Take the points that are near after one of the `moves` (m,) of the inner joint."""
         self.solver, self.base, self.values, self.pair = solver, base, values, pair
-        search, observation = solver.search, solver.search.observation
-        self.mask = np.isin(np.arange(len(search.exists)), pair.between)
+        comparison, observation = solver.comparison, solver.comparison.observation
+        self.mask = np.isin(np.arange(len(comparison.exists)), pair.between)
         placed = self.placed(moves)
-        reach = search.options.near
-        near = search.distances(observation.given, placed, self.mask, reach).min(axis=0) < reach
+        reach = comparison.options.near
+        near = comparison.distances(observation.given, placed, self.mask, reach).min(axis=0) < reach
         chosen = np.flatnonzero(near)
         chosen = chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), MOST_POINTS)).astype(int)]
         self.points = np.ascontiguousarray(observation.given[chosen])
         self.normals = np.ascontiguousarray(observation.given_normals[chosen])
-        self.otherwise = search.assigned(self.points, placed[0], search.exists & ~self.mask, reach)[0].astype(float)
+        others = comparison.exists & ~self.mask
+        self.otherwise = comparison.assigned(self.points, placed[0], others, reach)[0].astype(float)
         self.each = float(near.sum()) / max(len(chosen), 1) / POINTS_AS_ONE
 
     def placed(self, moves: Array) -> Array:
         """Return the placements (m, parts, 4, 4) of all parts."""
         values = self.values + moves[:, None] * self.pair.direction(len(self.values))[6:]
         bases = np.tile(self.base, (len(moves), 1, 1))
-        return self.solver.search.part_placements(Candidates(bases, values, np.zeros(len(moves), np.float32)))
+        return self.solver.comparison.part_placements(Candidates(bases, values, np.zeros(len(moves), np.float32)))
 
     def costs(self, moves: Array, errors: Errors) -> Array:
         """Return the negative log-likelihood (m,) of the points after each of the `moves`."""
@@ -179,14 +180,13 @@ class _Slid:
 
     def _residuals(self, placements: Array) -> Array:
         """Return how far the points (n,) are from the surface, or behind what hides them."""
-        search = self.solver.search
-        reach = search.options.near
+        comparison = self.solver.comparison
+        reach = comparison.options.near
         meshes = [self.solver.model.kernel_meshes[part] for part in self.pair.between]
         at = np.ascontiguousarray(placements[self.pair.between])
-        closest, part = kernels.closest_on_meshes(meshes, at, self.points, reach, search.threads)
+        closest, part = kernels.closest_on_meshes(meshes, at, self.points, reach, comparison.threads)
         way = closest.astype(float) - self.points
         distance = np.where(part >= 0, np.linalg.norm(way, axis=1), reach)
-        _, owner, sample = search.native.assign(self.points, placements, self.mask.astype(np.uint8), reach)
-        alike = search.native.facing(self.normals, placements, owner, sample) > FACING
+        alike = comparison.facing(self.points, self.normals, placements, self.mask, reach) > FACING
         hidden = alike & (part >= 0) & (np.einsum("ij,ij->i", way, self.normals) > FACING * distance)
         return np.where(hidden, distance, np.minimum(distance, self.otherwise))

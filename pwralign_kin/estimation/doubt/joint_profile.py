@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Ints
+from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import BAND, Ints
 from pwralign_kin.estimation.sensing.observation import at_most
 from pwralign_kin.se3 import Array, inverse
 
@@ -61,16 +62,16 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
     Where the surface tells the joint only weakly that side is turned as well: it may be the round one. Points have
     independent errors of the noise and the systematic residual, but only one in `POINTS_AS_ONE` counts.
     """
-    search = solver.search
+    comparison = solver.comparison
     here = Candidates.single(base, values)
-    T = search.part_placements(here)[0]
-    distance, owner = search.given_owners(here)
-    owned = np.bincount(owner[distance < search.reach], minlength=len(T))
+    T = comparison.part_placements(here)[0]
+    distance, owner = comparison.given_owners(here)
+    owned = np.bincount(owner[distance < comparison.reach], minlength=len(T))
     tried, steps = _tried(solver, values, joint)
     turned = np.tile(values, (len(tried), 1))
     turned[:, joint] = tried
     bases = np.tile(base, (len(tried), 1, 1))
-    placed = search.part_placements(Candidates(bases, turned, np.zeros(len(tried), np.float32)))
+    placed = comparison.part_placements(Candidates(bases, turned, np.zeros(len(tried), np.float32)))
     # By the value next to this one: a full turn brings everything back.
     next_to = int(np.argmin(np.where(steps == 0, np.inf, np.abs(steps))))
     hangs = (np.abs(placed[next_to] - T) > UNMOVED).any(axis=(1, 2))
@@ -104,8 +105,8 @@ def _cost(
 
     They move from `T` (parts, 4, 4) to each of (m, parts, 4, 4); `owner` (n,) is the part that each point lies on.
     """
-    search = solver.search
-    on_side = search.observation.given[(owner >= 0) & moves[owner]]
+    comparison = solver.comparison
+    on_side = comparison.observation.given[(owner >= 0) & moves[owner]]
     points = at_most(np.ascontiguousarray(on_side), MOST_POINTS)
     variance = errors.noise**2 + errors.systematic**2
     # Points farther off count all the same.
@@ -118,8 +119,8 @@ def _cost(
         last += share
         likely = np.flatnonzero(cost <= NO_RIVAL)
         # What the other side explains it explains whatever the value is.
-        otherwise = search.distances(some, T[None], search.exists & ~moves, reach, loosely=True)
-        left = search.distances(some, placed[likely], search.exists & moves, reach, loosely=True)
+        otherwise = comparison.distances(some, T[None], comparison.exists & ~moves, reach, loosely=True)
+        left = comparison.distances(some, placed[likely], comparison.exists & moves, reach, loosely=True)
         np.square(np.minimum(left, otherwise, out=left), out=left)
         sums = left.sum(axis=1)
         cost[likely] += each * (sums - sums[likely == now])

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.answers.ranking import finest
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
 from pwralign_kin.estimation.doubt.joint_profile import NO_RIVAL, profiled
 from pwralign_kin.estimation.doubt.uncertainty import (
@@ -27,7 +28,6 @@ from pwralign_kin.estimation.doubt.uncertainty import (
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import at_most
 from pwralign_kin.se3 import Array, exp, inverse
 
@@ -64,10 +64,10 @@ class Doubt:
 
 def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tuple[Solution, Doubt]:
     """Find the joints that the scan does not tell, and give them their `prior` value (k,) where that costs nothing."""
-    search, final = solver.search, solution.configuration
-    errors = observed_errors(search, final, solution.problem)
+    comparison, final = solver.comparison, solution.configuration
+    errors = observed_errors(comparison, final, solution.problem)
     # Points of its neighbours touch a part that the scan lacks.
-    absent = search.scored(final)[1][0] <= 0.0 if not search.observation.single_view else ~search.exists
+    absent = comparison.scored(final)[1][0] <= 0.0 if not comparison.observation.single_view else ~comparison.exists
     motions, displacement = probe_motions(solution.problem, absent, solver.model.prismatic, solver.locked)
     nearly = undetermined_joints(displacement, solver.locked, errors, PLAIN_DISPLACEMENT)
     nearly &= ~undetermined_joints(displacement, solver.locked, errors)
@@ -102,9 +102,9 @@ def _displaced(solver: JointLeastSquares, solution: Solution, absent: NDArray[np
 
     As in `probe_motions`: the mean squares of all observed parts are added.
     """
-    problem, given = solution.problem, solver.search.observation.given
+    problem, given = solution.problem, solver.comparison.observation.given
     placements, twists = solver.part_twists(solution.base, solution.values)
-    meshes, threads = solver.model.kernel_meshes, solver.search.threads
+    meshes, threads = solver.model.kernel_meshes, solver.comparison.threads
     given = at_most(given, FEW_POINTS)
     seen, part = kernels.closest_on_meshes(meshes, placements, given, ON_PART, threads)
     counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
@@ -132,7 +132,7 @@ def _compared(
 
     The surface tells those that are `weak` (k,) hardly.
     """
-    search, sure = solver.search, np.zeros(len(solution.values), bool)
+    comparison, sure = solver.comparison, np.zeros(len(solution.values), bool)
     rivals, of = [solution.configuration], [-1]
     for joint in np.flatnonzero(loose):
         profile = profiled(solver, solution.base, solution.values, int(joint), errors, bool(weak[joint]))
@@ -148,11 +148,11 @@ def _compared(
     if len(of) == 1:
         return solution, sure
     # What refinement alone would gain is no merit of a rival.
-    points = search.options.fine_points
-    together = search.refined(Candidates.concatenate(rivals), points=points, iterations=10, sigma=0.01)
-    likelihood = finest(search, together) * len(search.observation.given)
+    points = comparison.options.fine_points
+    together = comparison.refined(Candidates.concatenate(rivals), points=points, iterations=10, sigma=0.01)
+    likelihood = finest(comparison, together) * len(comparison.observation.given)
     # The likelihood is of the points alone: what they leave of the model unseen may speak against it.
-    scores = search.weighed(together)[0]
+    scores = comparison.weighed(together)[0]
     likelihood[scores < scores[0] - NO_COST] = -np.inf
     if likelihood.max() < likelihood[0] + BETTER:
         return solution, sure
@@ -171,20 +171,20 @@ def _compared(
 
 def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array) -> tuple[Array, Array]:
     """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against."""
-    search = solver.search
+    comparison = solver.comparison
     moved = values.copy()
     moved[joint] = prior[joint]
     child = next(i for i, part in enumerate(solver.model.parts) if part.joint and part.joint.actuated == joint)
-    before, after = (search.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
+    before, after = (comparison.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
     bases = np.array([base, base, base @ before @ inverse(after)])
     choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
-    scores, coverage, seen = search.weighed(choices)
+    scores, coverage, seen = comparison.weighed(choices)
     best = int(np.argmax(scores[1:])) + 1
-    lost = (coverage[0] - coverage[best]) * len(search.observation.points)
-    hidden = float((seen[0] - seen[best]).max(initial=0.0, where=search.exists))
+    lost = (coverage[0] - coverage[best]) * len(comparison.observation.points)
+    hidden = float((seen[0] - seen[best]).max(initial=0.0, where=comparison.exists))
     if scores[best] < scores[0] - NO_COST or lost > NO_POINTS or hidden > NO_SUPPORT:
         return base, values
-    likelihood = finest(search, choices.take([0, best])) * len(search.observation.given)
+    likelihood = finest(comparison, choices.take([0, best])) * len(comparison.observation.given)
     if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
     return bases[best], moved

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.refinement.joint_least_squares import Problem, inverse_of, normal_matrix
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.patches import patches
 from pwralign_kin.se3 import Array
 
@@ -63,15 +63,15 @@ class Errors:
         return float(np.hypot(self.systematic / np.sqrt(1.0 - self.absorbed), LEAST_CORRELATED))
 
 
-def observed_errors(search: TreeSearch, final: Candidates, problem: Problem) -> Errors:
+def observed_errors(comparison: ScanComparison, final: Candidates, problem: Problem) -> Errors:
     """Return the errors that one final configuration leaves; `problem` is that of the configuration."""
     # Neighbouring points hide some of the noise where it folds thin parts.
-    noise = max(search.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
-    given, placements = search.observation.given, search.part_placements(final)
-    off, owner = search.given_owners(final)
-    part = np.where(off < search.reach, owner, -1)
-    distance = search.distances(given, placements, search.exists, search.reach, loosely=True)[0]
-    systematic = float(np.sqrt(max(search.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
+    noise = max(comparison.observation.noise if problem.blur is None else problem.blur.noise, LEAST_NOISE)
+    given, placements = comparison.observation.given, comparison.part_placements(final)
+    off, owner = comparison.given_owners(final)
+    part = np.where(off < comparison.reach, owner, -1)
+    distance = comparison.distances(given, placements, comparison.exists, comparison.reach, loosely=True)[0]
+    systematic = float(np.sqrt(max(comparison.residual_of(distance) ** 2 - noise**2 - SAMPLING**2, 0.0)))
     seen = problem.counts >= LEAST_POINTS
     unknowns = 6 + int((np.abs(problem.J[seen, :, 6:]) > 0.0).any(axis=(0, 1)).sum())
     counts = np.bincount(patches(given[part >= 0], part[part >= 0]))

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import continued, continued_beside
+from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
+from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.evidence.other_size import SAME_SIZE
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import continued, continued_beside
-from pwralign_kin.estimation.search.tree_search import ALIKE, BAND, TreeSearch
 from pwralign_kin.estimation.sensing.observation import median
 from pwralign_kin.estimation.sensing.patches import patches
 
@@ -115,51 +116,51 @@ class Evidence:
     """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
 
 
-def gathered(search: TreeSearch, final: Candidates, others: Candidates) -> Evidence:
+def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
 
     Another size of the model is not looked for (`other_size`), nor is a mirror image of the scan.
     """
-    observation = search.observation
-    distance, part, cosine = search.lying(final)
-    explained = distance <= search.reach
-    areas = observation.areas * search.searched
-    nearby = areas[~explained & (distance < search.options.near)].sum() / areas.sum()
-    owners = np.where(explained & search.searched, part, -1)
-    shares = np.minimum(search.explained_shares(owners), 1.0)
-    weights = search.weights * search.exists
+    observation = comparison.observation
+    distance, part, cosine = comparison.lying(final)
+    explained = distance <= comparison.reach
+    areas = observation.areas * comparison.searched
+    nearby = areas[~explained & (distance < comparison.options.near)].sum() / areas.sum()
+    owners = np.where(explained & comparison.searched, part, -1)
+    shares = np.minimum(comparison.explained_shares(owners), 1.0)
+    weights = comparison.weights * comparison.exists
     lacking = weights[shares <= HARDLY * float(shares @ weights) / weights.sum()].sum() / weights.sum()
     on_model = areas[explained].sum() / areas.sum()
     alike = explained & (np.abs(cosine) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
-    well = areas[explained & (distance <= max(search.noise_reach, ASTRAY * observation.spacing))].sum()
+    well = areas[explained & (distance <= max(comparison.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
-    points = np.bincount(owners[owners >= 0], minlength=len(search.exists))
-    beyond = continued_beside(search, final, distance, cosine)
-    rivals, apart = _rivals(search, final, others, points)
-    answer, support = search.scored(final)
-    compared = Candidates.concatenate([answer, search.scored(rivals)[0]]) if len(rivals) else answer
+    points = np.bincount(owners[owners >= 0], minlength=len(comparison.exists))
+    beyond = continued_beside(comparison, final, distance, cosine)
+    rivals, apart = _rivals(comparison, final, others, points)
+    answer, support = comparison.scored(final)
+    compared = Candidates.concatenate([answer, comparison.scored(rivals)[0]]) if len(rivals) else answer
     refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
-    margin, distinct, told = _margins(search, compared, apart, beyond)
-    in_sight, agreed = search.confirmed(final)
+    margin, distinct, told = _margins(comparison, compared, apart, beyond)
+    in_sight, agreed = comparison.confirmed(final)
     return Evidence(
         nearby=float(nearby),
         lacking=float(lacking),
-        uneven=_uneven(search, final),
+        uneven=_uneven(comparison, final),
         margin=margin,
         distinct=distinct,
         told=told,
         noise=observation.noise,
-        borne_out=confirmed * float(shares @ weights) / float(weights.sum()) / search.pictured(final),
+        borne_out=confirmed * float(shares @ weights) / float(weights.sum()) / comparison.pictured(final),
         in_sight=in_sight,
         agreed=agreed,
-        explained=1.0 - search.unexplained(final) if observation.scene else float(on_model),
+        explained=1.0 - comparison.unexplained(final) if observation.scene else float(on_model),
         strange=float(strange),
         astray=float(astray),
         refuted=refuted,
         continued=beyond,
-        points_per_part=float(points.sum() / search.exists.sum()),
+        points_per_part=float(points.sum() / comparison.exists.sum()),
         size=SAME_SIZE.factor,
         size_gain=SAME_SIZE.gain,
         mirrored=0.0,
@@ -176,21 +177,21 @@ def logistic(coefficients: tuple[float, ...], values: NDArray[np.float64]) -> fl
     return float(1.0 / (1.0 + np.exp(-(coefficients[0] + values @ np.array(coefficients[1:])))))
 
 
-def _uneven(search: TreeSearch, final: Candidates) -> float:
+def _uneven(comparison: ScanComparison, final: Candidates) -> float:
     """Return the largest median distance of a part's points over that of all; 1 where that tells nothing."""
-    if search.observation.scene:
+    if comparison.observation.scene:
         return 1.0  # other things that touch the model count as points of its parts
-    distance, part = search.given_owners(final)
-    near = distance < search.reach
+    distance, part = comparison.given_owners(final)
+    near = distance < comparison.reach
     distance, part = distance[near], part[near]
     all_of = median(distance) if len(distance) else 0.0
-    counts = np.bincount(part, minlength=len(search.exists))
+    counts = np.bincount(part, minlength=len(comparison.exists))
     each = [median(distance[part == i]) for i in np.flatnonzero(counts >= LEAST_RESIDUALS)]
     return max(each, default=all_of) / all_of if all_of > 0 else 1.0
 
 
 def _margins(
-    search: TreeSearch, compared: Candidates, apart: NDArray[np.bool_], beyond: float
+    comparison: ScanComparison, compared: Candidates, apart: NDArray[np.bool_], beyond: float
 ) -> tuple[float, float, float]:
     """Return how much better the answer is than the best of its rivals: by score, in standard deviations, and in
     standard deviations than what is hardly a rival, too.
@@ -200,11 +201,11 @@ def _margins(
     whose edges more of the scan goes on than `beyond` those of the answer, is none.
     """
     margins = compared.scores[0] - compared.scores[1:]
-    distinct = _distinctness(search, compared)
+    distinct = _distinctness(comparison, compared)
     stands = apart.copy()
     for rank in np.flatnonzero(apart & ((margins < 0.0) | (distinct < 0.0))):
-        stands[rank] = continued(search, compared.take([1 + rank])) <= beyond + CONTINUED_MORE
-    most = float(np.sqrt(len(search.observation.given)))
+        stands[rank] = continued(comparison, compared.take([1 + rank])) <= beyond + CONTINUED_MORE
+    most = float(np.sqrt(len(comparison.observation.given)))
     return (
         float(margins[stands].min(initial=1.0)),
         float(distinct[stands].min(initial=most)),
@@ -213,7 +214,7 @@ def _margins(
 
 
 def _rivals(
-    search: TreeSearch, final: Candidates, others: Candidates, points: NDArray[np.int64]
+    comparison: ScanComparison, final: Candidates, others: Candidates, points: NDArray[np.int64]
 ) -> tuple[Candidates, NDArray[np.bool_]]:
     """Return which of the `others`, and of the best ways to move one joint, take one of the seen parts off the surface,
     if only `BESIDE` it, and whether (m,) they are `APART`.
@@ -221,14 +222,14 @@ def _rivals(
     `points` (parts,) of the scan lie on each part.
     """
     seen = np.flatnonzero(points >= LEAST_POINTS)
-    moved = _with_joints_moved(search, final, points).best_first()
-    several = [_off(search, final, others, seen, len(others)), _off(search, final, moved, seen, RIVALS)]
+    moved = _with_joints_moved(comparison, final, points).best_first()
+    several = [_off(comparison, final, others, seen, len(others)), _off(comparison, final, moved, seen, RIVALS)]
     rivals, departures = zip(*several, strict=True)
     return Candidates.concatenate(rivals), np.concatenate(departures) > APART
 
 
 def _off(
-    search: TreeSearch, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
+    comparison: ScanComparison, final: Candidates, rivals: Candidates, seen: NDArray[np.int64], count: int
 ) -> tuple[Candidates, NDArray[np.float64]]:
     """Return the first of the rivals that place one of the `seen` parts off the answer's surface, and how far.
 
@@ -237,57 +238,57 @@ def _off(
     departures = np.zeros(0)
     while len(departures) < len(rivals) and (departures > APART).sum() < count:
         some = rivals.take(slice(len(departures), len(departures) + 2 * RIVALS))
-        departures = np.append(departures, _departures(search, final, some, seen))
+        departures = np.append(departures, _departures(comparison, final, some, seen))
     kept = np.flatnonzero((departures > BESIDE) & (np.cumsum(departures > APART) <= count))
     return rivals.take(kept), departures[kept]
 
 
-def _distinctness(search: TreeSearch, compared: Candidates) -> NDArray[np.float64]:
+def _distinctness(comparison: ScanComparison, compared: Candidates) -> NDArray[np.float64]:
     """Return by how many standard deviations the points speak for the first candidate against each other.
 
     What noise does not explain of a large residual, points of a patch have in common: a sensor that bends surfaces
     makes others fit a whole patch better, which tells no more than one point would.
     """
-    given, noise = search.observation.given, search.observation.noise
-    residual = search.residual(compared.take([0]))
+    given, noise = comparison.observation.given, comparison.observation.noise
+    residual = comparison.residual(compared.take([0]))
     blur = math.hypot(max(noise, residual), BLUR)
-    distances = search.distances(given, search.part_placements(compared), search.exists, REACH)
+    distances = comparison.distances(given, comparison.part_placements(compared), comparison.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
     sums, variances = gains.sum(axis=1), (gains**2).sum(axis=1)
     better = sums < 0.0
     shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
     if better.any() and shared > 0.0:
-        patch = patches(given, search.given_owners(compared.take([0]))[1])
+        patch = patches(given, comparison.given_owners(compared.take([0]))[1])
         together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
         variances[better] += shared * np.maximum(together - variances[better], 0.0)
     return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
 
 
-def _with_joints_moved(search: TreeSearch, final: Candidates, points: NDArray[np.int64]) -> Candidates:
+def _with_joints_moved(comparison: ScanComparison, final: Candidates, points: NDArray[np.int64]) -> Candidates:
     """Return the configuration with each joint in turn at its best other values; the side with fewer points moves."""
     count = final.values.shape[1]
     joints = np.arange(count, dtype=np.int32)
     nudged = Candidates(
         np.repeat(final.bases, count, axis=0), final.values + 0.1 * np.eye(count), np.zeros(count, np.float32)
     )
-    hangs = (np.abs(search.part_placements(nudged) - search.part_placements(final)) > 1e-9).any(axis=(2, 3))
+    hangs = (np.abs(comparison.part_placements(nudged) - comparison.part_placements(final)) > 1e-9).any(axis=(2, 3))
     base_moves = hangs @ points > 0.5 * points.sum()
     # Nothing that is seen departs where only the rest moves.
     tells = base_moves | (hangs & (points >= LEAST_POINTS)).any(axis=1)
-    return search.swept(final, joints[tells], base_moves[tells], MODES)
+    return comparison.swept(final, joints[tells], base_moves[tells], MODES)
 
 
 def _departures(
-    search: TreeSearch, final: Candidates, rivals: Candidates, parts: NDArray[np.int64]
+    comparison: ScanComparison, final: Candidates, rivals: Candidates, parts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Return of each rival the largest mean distance of one of `parts`, as the answer places it, to its surface."""
-    placements = search.part_placements(final)[0]
-    placed = [search.surfaces[i].samples[:PROBES] @ placements[i][:3, :3].T + placements[i][:3, 3] for i in parts]
+    placements = comparison.part_placements(final)[0]
+    placed = [comparison.surfaces[i].samples[:PROBES] @ placements[i][:3, :3].T + placements[i][:3, 3] for i in parts]
     if not placed:
         return np.zeros(len(rivals))
     probes = np.ascontiguousarray(np.concatenate(placed), np.float32)
     starts = np.cumsum([0, *(len(own) for own in placed[:-1])])
     sizes = [len(own) for own in placed]
-    distances = search.distances(probes, search.part_placements(rivals), search.exists, REACH)
+    distances = comparison.distances(probes, comparison.part_placements(rivals), comparison.exists, REACH)
     return np.asarray((np.add.reduceat(distances, starts, axis=1) / sizes).max(axis=1))

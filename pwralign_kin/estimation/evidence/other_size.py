@@ -48,11 +48,11 @@ def other_size(solver: JointLeastSquares, solution: Solution) -> OtherSize:
 
     Point to triangle, by Gauss-Newton; points are shrunk about the base's origin instead of the model grown.
     """
-    search, observation = solver.search, solver.search.observation
-    base, values = solution.base, solution.values
+    comparison, observation = solver.comparison, solver.comparison.observation
+    base, values, meshes = solution.base, solution.values, solver.model.kernel_meshes
     placements, twists = solver.part_twists(base, values)
     some = np.linspace(0, len(observation.given) - 1, min(len(observation.given), MOST_POINTS)).astype(int)
-    near = some[search.assigned(observation.given[some], placements, search.exists, REACH)[0] < REACH]
+    near = some[comparison.assigned(observation.given[some], placements, comparison.exists, REACH)[0] < REACH]
     if len(near) < LEAST_POINTS:
         return SAME_SIZE
     given, normals = observation.given[near].astype(float), observation.given_normals[near].astype(float)
@@ -62,7 +62,7 @@ def other_size(solver: JointLeastSquares, solution: Solution) -> OtherSize:
     while len(lying) <= ROUNDS:
         centre = base[:3, 3]
         points = np.ascontiguousarray(centre + (given - centre) * np.exp(-growth), np.float32)
-        closest, part = kernels.closest_on_meshes(solver.model.kernel_meshes, placements, points, REACH, search.threads)
+        closest, part = kernels.closest_on_meshes(meshes, placements, points, REACH, comparison.threads)
         off = np.asarray(points - closest, np.float64)
         lying.append(float(np.where(part >= 0, np.exp(-0.5 * np.square(off).sum(axis=1) / blur**2), 0.0).mean()))
         if 1.0 - lying[0] < LEAST_GAIN:

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from pwralign_kin import se3
 from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Threshold
-from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
+from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS, SearchPrior
 from pwralign_kin.estimation.sensing.silhouette import ON_MODEL, Silhouette
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
@@ -162,14 +162,14 @@ class JointLeastSquares:
     def __init__(
         self,
         model: ArticulatedModel,
-        search: TreeSearch,
+        comparison: ScanComparison,
         lower: Array,
         upper: Array,
         options: LeastSquaresOptions,
     ) -> None:
         """Take the bounds `lower`, `upper` (k,) of the actuated joints in search units; equal bounds lock a joint."""
         self.model = model
-        self.search = search
+        self.comparison = comparison
         self.lower = lower
         self.upper = upper
         self.options = options
@@ -185,13 +185,20 @@ class JointLeastSquares:
     @property
     def is_noisy(self) -> bool:
         """Whether noise may have taken points to other surface than that nearest to them."""
-        observation = self.search.observation
+        observation = self.comparison.observation
         return not observation.single_view and observation.noise > self.options.noisy
 
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
-        solver = JointLeastSquares(self.model, self.search, lower, upper, self.options)
+        return self._with(self.comparison, lower, upper)
+
+    def knowing(self, known: SearchPrior) -> JointLeastSquares:
+        """Return the same problem by another prior of base and joints."""
+        return self._with(self.comparison.knowing(known), self.lower, self.upper)
+
+    def _with(self, comparison: ScanComparison, lower: Array, upper: Array) -> JointLeastSquares:
+        solver = JointLeastSquares(self.model, comparison, lower, upper, self.options)
         solver.silhouette, solver.systematic = self.silhouette, self.systematic
         solver.along_rays = self.along_rays
         return solver
@@ -201,7 +208,7 @@ class JointLeastSquares:
 
         `residual` is that of the configuration.
         """
-        observation = self.search.observation
+        observation = self.comparison.observation
         # In a scene the outline is one of depth jumps, which sensors smear.
         if not observation.single_view or observation.scene:
             return
@@ -213,8 +220,8 @@ class JointLeastSquares:
         if not self.options.silhouette or self.systematic == 0:
             return
         at = Candidates.single(base, values)
-        placements = self.search.part_placements(at)[0]
-        on_model = self.search.assigned(observation.raw, placements, self.search.exists, ON_MODEL)[0] < ON_MODEL
+        placements = self.comparison.part_placements(at)[0]
+        on_model = self.comparison.assigned(observation.raw, placements, self.comparison.exists, ON_MODEL)[0] < ON_MODEL
         if on_model.sum() > LEAST_OUTLINED:
             self.silhouette = Silhouette(observation, observation.raw, on_model)
 
@@ -222,7 +229,7 @@ class JointLeastSquares:
         """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
         if self.silhouette is None:
             return np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
-        surfaces = self.search.surfaces
+        surfaces = self.comparison.surfaces
         parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
         points = np.concatenate(
             [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
@@ -233,11 +240,11 @@ class JointLeastSquares:
 
     def residual(self, base: Array, values: Array) -> float:
         """Return the robust standard deviation of the given points that lie on a configuration."""
-        return self.search.residual(Candidates.single(base, values))
+        return self.comparison.residual(Candidates.single(base, values))
 
     def robust_scale(self, residual: float) -> float:
         """Return the scale of the robust kernel: that of the noise or of the `residual` of a configuration."""
-        noise = self.options.sigmas * self.search.observation.noise
+        noise = self.options.sigmas * self.comparison.observation.noise
         return max(self.options.least_sigma, noise, residual)
 
     def part_twists(self, base: Array, values: Array) -> tuple[Array, Array]:
@@ -256,12 +263,10 @@ class JointLeastSquares:
     def build(self, base: Array, values: Array, sigma: float) -> Problem:
         """Return the problem linearised at a configuration, with a robust kernel of scale `sigma`."""
         placed, full = self.part_twists(base, values)
-        kernel_scale = max(sigma, self.options.kernel_sigmas * self.search.observation.noise)
-        information, part_g, counts = self.search.native.normal_equations(
-            placed, self.search.observation.given, self.search.observation.given_normals,
-            kernel_scale, self.options.reach * sigma, self.options.support_weight * self.search.options.two_way,
-            self.search.weights, self.along_rays,
-        )  # fmt: skip
+        kernel_scale = max(sigma, self.options.kernel_sigmas * self.comparison.observation.noise)
+        information, part_g, counts = self.comparison.normal_equations(
+            placed, kernel_scale, self.options.reach * sigma, self.options.support_weight, along_rays=self.along_rays
+        )
         outline = self.outline(placed, base[:3, 3])
         mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
@@ -271,9 +276,9 @@ class JointLeastSquares:
 
     def prior(self, base: Array, values: Array) -> Prior:
         """Return what is known beforehand at a configuration."""
-        known = self.search.known
+        known = self.comparison.known
         H, g = np.zeros((6 + len(values), 6 + len(values))), np.zeros(6 + len(values))
-        H[:6, :6], g[:6] = self.search.native.base_prior(base[None])
+        H[:6, :6], g[:6] = self.comparison.base_prior(base)
         H[range(6, len(H)), range(6, len(H))] = 1.0 / known.std**2
         g[6:] = (known.values - values) / known.std**2
         return Prior(H, g)
@@ -288,7 +293,7 @@ class JointLeastSquares:
         """Return the least and the largest step (6 + k,) from `values`."""
         low = np.full(6 + len(values), -self.options.most_turn)
         high = -low
-        if self.search.known.held:
+        if self.comparison.known.held:
             low[:6] = high[:6] = 0.0
         if self.options.bounds:
             # A joint that wraps has no wall at its limits, unless it is locked.

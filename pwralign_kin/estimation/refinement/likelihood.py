@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pwralign_kin import kernels
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, bounded_step, normal_matrix
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Float
 from pwralign_kin.se3 import Array
 
@@ -79,7 +79,7 @@ class _Look:
         self.base, self.values = base, values
         placements, self.twists = solver.part_twists(base, values)
         closest, self.part = kernels.closest_on_meshes(
-            solver.model.kernel_meshes, placements, points, REACH, solver.search.threads
+            solver.model.kernel_meshes, placements, points, REACH, solver.comparison.threads
         )
         off = points.astype(float) - closest
         self.distance = np.where(self.part >= 0, np.linalg.norm(off, axis=1), REACH)
@@ -108,9 +108,9 @@ class _Look:
 
 def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
     """Return scan points (n, 3) near to an answer, as given by the sensor."""
-    search = solver.search
-    raw = search.observation.raw
-    distance = search.assigned(raw, search.part_placements(answer)[0], search.exists, REACH)[0]
+    comparison = solver.comparison
+    raw = comparison.observation.raw
+    distance = comparison.assigned(raw, comparison.part_placements(answer)[0], comparison.exists, REACH)[0]
     near = raw[distance < REACH]
     chosen = np.linspace(0, len(near) - 1, min(len(near), MOST_POINTS)).astype(int)
     points = np.ascontiguousarray(near[chosen])

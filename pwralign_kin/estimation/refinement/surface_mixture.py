@@ -76,7 +76,7 @@ class SurfaceMixture:
 
     def __init__(self, solver: JointLeastSquares, base: Array, values: Array, noise: float) -> None:
         """Take the problem whose bounds and priors hold, and unknowns near to the answer."""
-        observation = solver.search.observation
+        observation = solver.comparison.observation
         self.solver = solver
         self.points = observation.given
         self.volume = float(np.prod(np.maximum(np.ptp(self.points, axis=0), 10 * noise)))
@@ -94,7 +94,7 @@ class SurfaceMixture:
             sigma=at.noise,
             strays=strays,
             volume=self.volume,
-            threads=self.solver.search.threads,
+            threads=self.solver.comparison.threads,
         )
         prior = self.solver.prior(at.base, at.values)
         g[:-1] += prior.g
@@ -149,7 +149,7 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
     """
     if not solver.is_noisy:
         return solver.run(base, values)
-    noise = FIRST_NOISE * solver.search.observation.noise if known is None else known.noise
+    noise = FIRST_NOISE * solver.comparison.observation.noise if known is None else known.noise
     at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(solver.residual(at.base, at.values)))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))

@@ -11,8 +11,9 @@ from itertools import product
 import numpy as np
 
 from pwralign_kin.checked_options import CheckedOptions, Count, NotNegative, Positive, Share
-from pwralign_kin.estimation.search.candidates import Hypotheses
-from pwralign_kin.estimation.search.tree_search import Ints, TreeSearch
+from pwralign_kin.estimation.comparison.scan_comparison import Ints
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.model.flat_faces import FlatFaces, flat_faces
 from pwralign_kin.se3 import Array, inverse
@@ -59,7 +60,7 @@ def scan_faces(observation: Observation, options: FaceOptions, region: int) -> F
 
 
 def _of_part(search: TreeSearch, part: int, patches: FlatFaces, options: FaceOptions) -> Hypotheses:
-    surface = search.surfaces[part]
+    surface = search.comparison.surfaces[part]
     placements = [
         patch @ motion @ inverse(face)
         for (patch, seen), (face, size) in product(
@@ -70,12 +71,12 @@ def _of_part(search: TreeSearch, part: int, patches: FlatFaces, options: FaceOpt
     if not placements:
         return Hypotheses.nothing()
     own = np.full(len(placements), part, np.int32)
-    screened = Hypotheses(*search.native.refine_parts(own, np.array(placements), 0))
+    screened = search.aligned(own, np.array(placements), 0)
     screened = screened.take(np.argsort(-screened.scores, kind="stable")[: options.screened])
-    refined = Hypotheses(*search.native.refine_parts(screened.parts, screened.placements, 5))
+    refined = search.aligned(screened.parts, screened.placements, 5)
     refined = refined.take(np.argsort(-refined.scores, kind="stable"))
     kept = options.scene_kept if search.observation.scene else options.kept
-    return refined.take(search.native.distinct_parts(refined.parts, refined.placements, kept, 0.03))
+    return search.distinct_hypotheses(refined, kept, 0.03)
 
 
 def matching(seen: Array, size: Array, options: FaceOptions) -> list[Array]:

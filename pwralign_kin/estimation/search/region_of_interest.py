@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.search.tree_search import Float, TreeSearch
+from pwralign_kin.estimation.comparison.scan_comparison import Float, ScanComparison
 from pwralign_kin.se3 import Array, transform
 
 
@@ -29,18 +29,18 @@ class Ball:
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) < self.radius + margin, bool)
 
 
-def region_of_interest(search: TreeSearch, placements: Array, way: Sequence[int]) -> Ball:
+def region_of_interest(comparison: ScanComparison, placements: Array, way: Sequence[int]) -> Ball:
     """Return the ball that the surface of the first part of `way` cannot leave while the last one stays.
 
     `way` names neighbours in the tree, `placements` (parts, 4, 4) the parts in the scan. The bound is the sum of the
     lengths between the joints on the way, of what slides, and of the farthest surface of the part.
     """
-    joints = [one if search.parent[one] == other else other for one, other in pairwise(way)]
+    joints = [one if comparison.parent[one] == other else other for one, other in pairwise(way)]
     origins = placements[joints, :3, 3]
-    surface = transform(placements[way[0]], search.surfaces[way[0]].samples.astype(float))
+    surface = transform(placements[way[0]], comparison.surfaces[way[0]].samples.astype(float))
     reach = float(np.linalg.norm(surface - origins[0], axis=1).max())
     links = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
-    return Ball(origins[-1], reach + links + float(search.model.travel[joints].sum()))
+    return Ball(origins[-1], reach + links + float(comparison.model.travel[joints].sum()))
 
 
 def path_between(parent: NDArray[np.int32], part: int, goal: int) -> list[int]:

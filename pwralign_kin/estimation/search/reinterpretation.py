@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.model import ArticulatedModel
@@ -54,20 +55,20 @@ def reinterpreted(
 ) -> Candidates | None:
     """Return configurations that nearly have the surface of `solution` (one), best score first; None if none."""
     fewer = {"ways": round(options.ways * search.share_tried), "turned": round(options.turned * search.share_tried)}
-    turned, parts = _Reader(model, search, solution, replace(options, **fewer)).readings()
+    turned, parts = _Reader(model, search.comparison, solution, replace(options, **fewer)).readings()
     if len(turned) == 0:
         return None
     regrown, regrown_parts = _regrown_below(search, turned, parts, options.regrown)
     tried, of = Candidates.concatenate([turned, regrown]), np.concatenate([parts, regrown_parts])
     # Refinement has yet to bring what hangs on a turned part to its place: each part has its own share.
     moves = [search.sifted(tried.take(of == part), options.refined) for part in np.unique(parts)]
-    found = search.scored(refined_both_ways(search, Candidates.concatenate(moves)))[0]
+    found = search.comparison.scored(refined_both_ways(search.comparison, Candidates.concatenate(moves)))[0]
     return found.best_first().take(slice(options.kept))
 
 
-def refined_both_ways(search: TreeSearch, candidates: Candidates) -> Candidates:
+def refined_both_ways(comparison: ScanComparison, candidates: Candidates) -> Candidates:
     """Return the candidates, and what a wide and a narrow refinement make of them."""
-    refined = [search.refined(candidates, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
+    refined = [comparison.refined(candidates, iterations=10, sigma=sigma) for sigma in (0.03, 0.01)]
     return Candidates.concatenate([candidates, *refined])
 
 
@@ -75,18 +76,22 @@ class _Reader:
     """Tells how one configuration could be read otherwise."""
 
     def __init__(
-        self, model: ArticulatedModel, search: TreeSearch, solution: Candidates, options: ReinterpretationOptions
+        self,
+        model: ArticulatedModel,
+        comparison: ScanComparison,
+        solution: Candidates,
+        options: ReinterpretationOptions,
     ) -> None:
-        self.search, self.options = search, options
+        self.comparison, self.options = comparison, options
         self.symmetry, self.values = model.symmetry, solution.values[0]
         self.parts = np.flatnonzero(self.symmetry.kind >= 0)
         self.chains_at: dict[int, list[Chain]] = {int(part): [] for part in self.parts}
         for chain in chains_between(model):
             self.chains_at[chain.above].append(chain)
             self.chains_at[chain.below].append(chain)
-        places = search.part_placements(solution)[0]
+        places = comparison.part_placements(solution)[0]
         self.ways = {int(part): self._ways(int(part), places) for part in self.parts}
-        closing = JointClosing(model, search.model)
+        closing = JointClosing(model, comparison.model)
         self.closed = {(chain.above, chain.below): self._closed(chain, closing) for chain in chains_between(model)}
         self.messages: dict[tuple[int, int], Message] = {}
         self.walks: dict[int, list[tuple[int, int, Chain]]] = {}
@@ -98,7 +103,7 @@ class _Reader:
             total = self._total(part)
             own = len(self.symmetry.replacements(part, part)) + len(self.symmetry.nearly[part])
             seeds += [(float(total[way]), part, way) for way in range(1, min(own, self.options.ways))]
-        anchor = int(self.search.largest_parts(1)[0])
+        anchor = int(self.comparison.largest_parts(1)[0])
         bases: list[Array] = []
         values: list[Array] = []
         turned: list[int] = []
@@ -111,7 +116,7 @@ class _Reader:
                 continue
             # The largest part holds still: the turned one may be small and a little out of place.
             held = anchor if anchor in chosen else part
-            at_origin = self.search.part_placements(Candidates.single(np.eye(4), read))
+            at_origin = self.comparison.part_placements(Candidates.single(np.eye(4), read))
             bases.append(self.ways[held][0][chosen[held]] @ inverse(at_origin[0, held]))
             values.append(read)
             turned.append(part)
@@ -140,7 +145,7 @@ class _Reader:
         above, below = self.ways[chain.above][0][:, None], self.ways[chain.below][0]
         values = closing.values(chain.joints, above, below)[0].reshape(len(above), len(below), -1)
         off = closing.placed(chain.joints, above, values) - below
-        probes = self.search.surfaces[chain.below].samples[:PROBES].astype(float)
+        probes = self.comparison.surfaces[chain.below].samples[:PROBES].astype(float)
         moved = probes @ np.swapaxes(off[..., :3, :3], -1, -2) + off[..., None, :3, 3]
         return np.linalg.norm(moved, axis=-1).mean(axis=-1), values
 
@@ -194,7 +199,7 @@ def _regrown_below(
     """Grow what hangs on each turned part anew. Return the configurations, and the part (m,) turned in each."""
     grown, of = [turned.take(slice(0, 0))], [np.zeros(0, int)]
     for part in np.unique(parts):
-        children = np.flatnonzero(search.parent == part)
+        children = np.flatnonzero(search.comparison.parent == part)
         rows = np.flatnonzero(parts == part)
         tasks = len(rows) * len(children)
         if tasks == 0:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, misfits, voted
 from pwralign_kin.model.surface import Surface
@@ -72,10 +74,11 @@ def repair(
     enough: Callable[[Candidates], bool] = lambda best: False,
 ) -> Candidates:
     """Return the distinct solutions after at most `options.rounds` rounds, best first; until the best is `enough`."""
-    solutions = search.distinct(candidates, options.solutions, search.options.distinct)
+    comparison = search.comparison
+    solutions = comparison.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
     for round_ in range(options.rounds):
-        worth = _worth_repair(search, solutions, options, round_)
+        worth = _worth_repair(comparison, solutions, options, round_)
         moved: list[Candidates] = []
         for rank in range(worth):
             solution = solutions.take([rank])
@@ -94,12 +97,12 @@ def repair(
         if len(moves) == 0:
             break
         refined = [
-            search.refined(moves, iterations=10, sigma=0.03),
-            search.refined(moves.best_first().take(slice(options.narrow)), iterations=10, sigma=0.01),
+            comparison.refined(moves, iterations=10, sigma=0.03),
+            comparison.refined(moves.best_first().take(slice(options.narrow)), iterations=10, sigma=0.01),
         ]
-        found = search.scored(Candidates.concatenate(refined))[0]
+        found = comparison.scored(Candidates.concatenate(refined))[0]
         in_vain = found.scores.max() <= solutions.scores[0] + options.gain
-        solutions = search.distinct(
+        solutions = comparison.distinct(
             Candidates.concatenate([solutions, found]), options.solutions, search.options.distinct
         )
         if in_vain or enough(solutions.take([0])):
@@ -107,12 +110,12 @@ def repair(
     return solutions
 
 
-def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
+def _worth_repair(comparison: ScanComparison, solutions: Candidates, options: RepairOptions, round_: int) -> int:
     """Return how many of the solutions, best first, are repaired in a round."""
     best = solutions.take([0])
     # A scan that holds more than the model leaves something unexplained however good the answer.
-    complete = search.coverage_scale > 1.0 and not search.lacks(best).any()
-    if complete or search.unexplained(best) <= options.unexplained:
+    complete = comparison.coverage_scale > 1.0 and not comparison.lacks(best).any()
+    if complete or comparison.unexplained(best) <= options.unexplained:
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
     return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)
@@ -130,16 +133,17 @@ def repair_moves(
 
     Votes and sweeps, which cost most, are for the `foremost` solution.
     """
-    support = search.scored(solution)[1][0]
-    unexplained = search.unexplained(solution)
-    exists = search.exists
-    bad = search.poorly_supported(support)
+    comparison = search.comparison
+    support = comparison.scored(solution)[1][0]
+    unexplained = comparison.unexplained(solution)
+    exists = comparison.exists
+    bad = comparison.poorly_supported(support)
     missing = unexplained > options.unexplained
     moves: list[Candidates] = []
-    placements = search.part_placements(solution)[0]
+    placements = comparison.part_placements(solution)[0]
     if bad.any() or missing:
         moves += _regrown(search, solution, _Faults(support, bad, missing), options)
-        best = np.argsort(-support * exists * np.sqrt(search.weights), kind="stable")[:4]
+        best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:4]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
     if (foremost and (missing or search.observation.scene)) or (
@@ -149,12 +153,12 @@ def repair_moves(
         ways = (True,) if search.observation.scene else (False, True)
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
         moves += [vote for vote in votes if vote is not None]
-    elif foremost and misfits(search, solution, options.votes) >= options.votes.least_misfits:
+    elif foremost and misfits(comparison, solution, options.votes) >= options.votes.least_misfits:
         # A small part that is wrong leaves little unexplained where other surface lies near to its points.
         vote = voted(search, solution, options.votes, seed, doubting=False, by_noise=True)
         moves += [] if vote is None else [vote]
     if foremost:
-        moves.append(_swept(search, solution, options.held_limbs))
+        moves.append(_swept(comparison, solution, options.held_limbs))
     if turn:
         moves += _turned(search, placements, options)
         if not search.observation.single_view:
@@ -162,12 +166,12 @@ def repair_moves(
     return Candidates.concatenate(moves) if moves else None
 
 
-def _subtrees(search: TreeSearch) -> Bool:
+def _subtrees(comparison: ScanComparison) -> Bool:
     """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
-    count = len(search.exists)
+    count = len(comparison.exists)
     below = np.eye(count, dtype=bool)
     for i in range(count - 1, 0, -1):
-        below[search.parent[i]] |= below[i]
+        below[comparison.parent[i]] |= below[i]
     return below
 
 
@@ -185,11 +189,12 @@ class _Faults:
 
 def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options: RepairOptions) -> list[Candidates]:
     """Cut the tree at joints near bad parts and grow one side anew while the other side stays."""
-    count, exists, parent = len(search.exists), search.exists, search.parent
+    comparison = search.comparison
+    count, exists, parent = len(comparison.exists), comparison.exists, comparison.parent
     support, bad, missing = faults.support, faults.bad, faults.missing
     usual = float(np.median(support[exists]))
-    below = _subtrees(search)
-    near = bad | search.lacks(solution) if missing else bad.copy()
+    below = _subtrees(comparison)
+    near = bad | comparison.lacks(solution) if missing else bad.copy()
     if missing and count <= 14:
         near[:] = True
     else:
@@ -199,7 +204,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
             above[parent[1:][near[1:]]] = True
             near |= above
     is_limb = np.zeros(count, bool)
-    is_limb[1:] = _among_largest(search, options.held_limbs)[search.model.actuated[1:]]
+    is_limb[1:] = _among_largest(comparison, options.held_limbs)[comparison.model.actuated[1:]]
     starts, nexts = [], []
     for i in range(1, count):
         for start, following, side in ((parent[i], i, below[i]), (i, parent[i], ~below[i])):
@@ -217,38 +222,38 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
     return [search.regrown(solution, [0] * len(starts), starts, nexts, options.alternatives)]
 
 
-def _swept(search: TreeSearch, solution: Candidates, held_limbs: int) -> Candidates:
+def _swept(comparison: ScanComparison, solution: Candidates, held_limbs: int) -> Candidates:
     """Sweep every joint with what hangs on it moving, some with all the rest, and compound joints whole.
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
     every = np.arange(solution.values.shape[1], dtype=np.int32)
-    held = np.flatnonzero(_among_largest(search, held_limbs)).astype(np.int32)
-    first, second = _compound_joints(search, search.lacks(solution))
+    held = np.flatnonzero(_among_largest(comparison, held_limbs)).astype(np.int32)
+    first, second = _compound_joints(comparison, comparison.lacks(solution))
     joint = np.concatenate([every, held, first])
     with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
     base_moves = np.zeros(len(joint), bool)
     base_moves[len(every) : len(every) + len(held)] = True
-    return search.swept(solution, joint, base_moves, 3, with_joint)
+    return comparison.swept(solution, joint, base_moves, 3, with_joint)
 
 
-def _among_largest(search: TreeSearch, count: int) -> Bool:
+def _among_largest(comparison: ScanComparison, count: int) -> Bool:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
-    surface = _subtrees(search) @ (search.weights * search.exists)
-    hanging = np.zeros(len(search.known.values))
-    np.maximum.at(hanging, search.model.actuated[1:], surface[1:])
+    surface = _subtrees(comparison) @ (comparison.weights * comparison.exists)
+    hanging = np.zeros(len(comparison.known.values))
+    np.maximum.at(hanging, comparison.model.actuated[1:], surface[1:])
     chosen = np.zeros(len(hanging), bool)
     chosen[np.argsort(-hanging, kind="stable")[:count]] = True
     return chosen
 
 
-def _compound_joints(search: TreeSearch, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _compound_joints(comparison: ScanComparison, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return pairs of actuated joints, inner and outer, between which no surface tells where to turn.
 
     The part between them has none, or explains too little, as does the part beyond: both are `lacking`.
     """
-    actuated, parent = search.model.actuated, search.parent
-    silent = ~search.exists
+    actuated, parent = comparison.model.actuated, comparison.parent
+    silent = ~comparison.exists
     outer = [i for i in range(1, len(parent)) if parent[i] > 0 and (silent | (lacking & lacking[i]))[parent[i]]]
     pairs = {(int(actuated[parent[i]]), int(actuated[i])) for i in outer if actuated[parent[i]] != actuated[i]}
     first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
@@ -261,10 +266,11 @@ def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
 
 def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
     """Turn each of the largest parts by half a revolution about its own and its frame's axes and grow from there."""
+    comparison = search.comparison
     parts: list[int] = []
     turned: list[Array] = []
-    for i in search.largest_parts(options.turned_parts):
-        samples = search.surfaces[i].samples
+    for i in comparison.largest_parts(options.turned_parts):
+        samples = comparison.surfaces[i].samples
         centre = (samples.min(axis=0) + samples.max(axis=0)) / 2
         axes = np.linalg.svd(samples - samples.mean(axis=0), full_matrices=False)[2]
         for axis in (*np.eye(3), *axes):
@@ -274,20 +280,18 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
             parts.append(int(i))
             turned.append(placements[i] @ half)
     part = np.array(parts, np.int32)
-    _, before, score_before = search.native.refine_parts(part, np.ascontiguousarray(placements[part]), 0)
-    part, after, score_after = search.native.refine_parts(part, np.array(turned), 4)
+    before = search.aligned(part, np.ascontiguousarray(placements[part]), 0)
+    after = search.aligned(part, np.array(turned), 4)
     moved = np.array(
         [
-            np.linalg.norm(search.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1).mean()
-            for i, a, b in zip(part, after, before, strict=True)
+            np.linalg.norm(comparison.surfaces[i].samples @ (a - b)[:3, :3].T + (a - b)[:3, 3], axis=1).mean()
+            for i, a, b in zip(part, after.placements, before.placements, strict=True)
         ]
     )
-    good = np.flatnonzero((score_after > 0.6 * score_before) & (moved > search.options.distinct))
+    good = np.flatnonzero((after.scores > 0.6 * before.scores) & (moved > search.options.distinct))
     if len(good) == 0:
         return []
-    part, after = np.ascontiguousarray(part[good]), np.ascontiguousarray(after[good])
-    kept = search.native.distinct_parts(part, after, options.turned_parts, search.options.distinct)
-    return [search.grow(_placed(part[kept], after[kept]))]
+    return [search.grow(search.distinct_hypotheses(after.take(good), options.turned_parts, search.options.distinct))]
 
 
 def _slid(search: TreeSearch, placements: Array, options: RepairOptions) -> list[Candidates]:
@@ -295,8 +299,8 @@ def _slid(search: TreeSearch, placements: Array, options: RepairOptions) -> list
     from there: points do not tell which side of it they are of."""
     parts: list[int] = []
     slid: list[Array] = []
-    for i in search.largest_parts(options.turned_parts):
-        for offset in _across(search.surfaces[i]):
+    for i in search.comparison.largest_parts(options.turned_parts):
+        for offset in _across(search.comparison.surfaces[i]):
             slide = np.eye(4)
             slide[:3, 3] = offset
             parts.append(int(i))

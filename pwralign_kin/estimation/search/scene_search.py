@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Positive, Share
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
-from pwralign_kin.estimation.search.continuation import continued
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import continued
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, face_hypotheses
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Float
 from pwralign_kin.estimation.sensing.scene import Bools
@@ -112,6 +114,7 @@ class RegionSearch:
         A further search is told which points (n,) are `known`, having been looked at closely: it tries more elsewhere.
         """
         search = self.search
+        comparison = search.comparison
         options = self.options
         if known is not None:
             options = options.scaled(max(1.0, options.further * search.share_tried))
@@ -124,9 +127,9 @@ class RegionSearch:
         if not found:
             return None
         if self.near is not None:
-            passing = [f.take(search.passes(f, self.near)) for f in found]
+            passing = [f.take(comparison.passes(f, self.near)) for f in found]
             found = [f for f in passing if len(f)] or found
-        return search.scored(search.refined(_chosen(search, options, found)))[0]
+        return comparison.scored(comparison.refined(_chosen(search, options, found)))[0]
 
     def _searched(self, options: SceneSearchOptions, source: int, roots: Hypotheses, share: float) -> Candidates:
         """Return configurations grown from placed parts and refined a little, best first."""
@@ -140,7 +143,7 @@ class RegionSearch:
             grown = search.grow(roots, options.grown)
             self.grown[source] = roots, grown
         kept = search.sifted(grown, max(options.least_refined, int(share * options.refined)))
-        return search.sifted(search.refined(kept, iterations=options.iterations), len(kept))
+        return search.sifted(search.comparison.refined(kept, iterations=options.iterations), len(kept))
 
 
 def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candidates]) -> Candidates:
@@ -149,7 +152,7 @@ def _chosen(search: TreeSearch, options: SceneSearchOptions, found: list[Candida
     rank = np.concatenate([np.arange(len(f)) for f in found])
     firsts = np.flatnonzero(rank < options.kept_per_region)
     best = np.argsort(-together.scores, kind="stable")[: options.kept]
-    coverage = search.coverage(together, search.options.sift_points)
+    coverage = search.comparison.coverage(together, search.options.sift_points)
     most = np.argsort(-coverage, kind="stable")[: options.kept_by_coverage]
     return together.take(np.unique(np.concatenate([firsts, best, most])))
 
@@ -182,7 +185,7 @@ def _sources(
             paired = search.pair_hypotheses(seed, region, anchors, options.more)
             found = _promising(search, options, paired, share)
         if faces is not None:
-            largest = search.largest_parts(search.options.root_parts)
+            largest = search.comparison.largest_parts(search.options.root_parts)
             found = Hypotheses.concatenate([found, face_hypotheses(search, largest, faces, region)])
         yield found, share
 
@@ -197,18 +200,18 @@ def is_at(points: Bools, known: Bools) -> bool:
     return bool((points & known).sum() >= SAME_PLACE * points.sum())
 
 
-def is_convincing(search: TreeSearch, candidate: Candidates, options: SceneSearchOptions) -> bool:
+def is_convincing(comparison: ScanComparison, candidate: Candidates, options: SceneSearchOptions) -> bool:
     """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
-    explained = float(search.coverage(candidate)[0]) * search.coverage_scale
-    if explained < options.convincing or search.unexplained(candidate) > options.unexplained:
+    explained = float(comparison.coverage(candidate)[0]) * comparison.coverage_scale
+    if explained < options.convincing or comparison.unexplained(candidate) > options.unexplained:
         return False
-    return continued(search, candidate) <= options.continued
+    return continued(comparison, candidate) <= options.continued
 
 
-def unlike(search: TreeSearch, candidates: Candidates, others: list[Candidates], distance: float) -> Candidates:
+def unlike(comparison: ScanComparison, candidates: Candidates, others: list[Candidates], distance: float) -> Candidates:
     """Return those candidates that are farther than `distance` from all `others`, on average over the surface."""
-    positions = search.probe_positions(candidates)
+    positions = comparison.probe_positions(candidates)
     new = np.ones(len(candidates), bool)
-    for other in search.probe_positions(Candidates.concatenate(others)) if others else ():
+    for other in comparison.probe_positions(Candidates.concatenate(others)) if others else ():
         new &= np.linalg.norm(positions - other, axis=-1).mean(axis=-1) > distance
     return candidates.take(new)

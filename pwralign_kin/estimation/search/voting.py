@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, transform
@@ -58,28 +59,31 @@ def voted(
     When `doubting`, points on parts that explain too little vote too: they may belong to another part. When `by_noise`,
     points farther from the surface than noise explains are unexplained.
     """
-    owners = search.owners(solution, search.exists)[1]
-    share = search.fair_shares(owners)
-    lacking = search.lacking(share)
-    right = search.exists & ~lacking
-    lack = np.where(lacking, search.weights * (1.0 - share), 0.0)
+    comparison = search.comparison
+    owners = comparison.owners(solution, comparison.exists)[1]
+    share = comparison.fair_shares(owners)
+    lacking = comparison.lacking(share)
+    right = comparison.exists & ~lacking
+    lack = np.where(lacking, comparison.weights * (1.0 - share), 0.0)
     wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
-    reach, least = (search.noise_reach, options.least_misfits) if by_noise else (search.reach, options.least_points)
-    unexplained = search.owners(solution, right if doubting else search.exists)[0] > reach
+    reach, least = comparison.reach, options.least_points
+    if by_noise:
+        reach, least = comparison.noise_reach, options.least_misfits
+    unexplained = comparison.owners(solution, right if doubting else comparison.exists)[0] > reach
     if search.observation.scene:
-        unexplained &= _about(search, ~unexplained, options.scene_reach)
+        unexplained &= _about(comparison, ~unexplained, options.scene_reach)
     if unexplained.sum() < least or not wrong or not right.any():
         return None
-    best = int(np.argmax(search.weights * share * right))
+    best = int(np.argmax(comparison.weights * share * right))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
     points = search.observation.points
-    placements = search.part_placements(solution)[0]
-    ways = {part: path_between(search.parent, part, best) for part in wrong}
-    regions = {part: _regions(search, placements, way, right, options.anchors) for part, way in ways.items()}
+    placements = comparison.part_placements(solution)[0]
+    ways = {part: path_between(comparison.parent, part, best) for part in wrong}
+    regions = {part: _regions(comparison, placements, way, right, options.anchors) for part, way in ways.items()}
     widest = [list(own.values())[-1] for own in regions.values()]
     found = search.part_hypotheses(
         np.array(wrong, np.int32),
-        [np.flatnonzero(unexplained & region.holds(points, search.reach)) for region in widest],
+        [np.flatnonzero(unexplained & region.holds(points, comparison.reach)) for region in widest],
         options.points,
         seed,
         options.placements,
@@ -89,35 +93,31 @@ def voted(
         (row, anchor)
         for row, (part, T) in enumerate(zip(found.parts, found.placements, strict=True))
         for anchor, region in regions[int(part)].items()
-        if region.holds(transform(T, search.surfaces[part].samples), search.reach).all()
+        if region.holds(transform(T, comparison.surfaces[part].samples), comparison.reach).all()
     ]
     if not tasks:
         return None
     rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
-    reached = Candidates(
-        *search.native.reach(
-            solution.bases, solution.values, np.zeros(len(tasks), np.int32), holding.astype(np.int32),
-            found.parts[rows], np.ascontiguousarray(found.placements[rows]), seed, options.starts, options.kept,
-            options.tolerance,
-        )
-    )  # fmt: skip
+    reached = search.reached(
+        solution, holding.astype(np.int32), found.take(rows), seed, options.starts, options.kept, options.tolerance
+    )
     return reached if len(reached) else None
 
 
 def _regions(
-    search: TreeSearch, placements: Array, way: Sequence[int], right: NDArray[np.bool_], most: int
+    comparison: ScanComparison, placements: Array, way: Sequence[int], right: NDArray[np.bool_], most: int
 ) -> dict[int, Ball]:
     """Return where a part can be when it is reached from parts that are `right` (parts,), `most` at the most and
     nearest first, on its `way` to the best explained one; `placements` (parts, 4, 4) are those of all parts."""
     anchors = [node for node in way[1:] if right[node]][:most]
-    return {anchor: region_of_interest(search, placements, way[: way.index(anchor) + 1]) for anchor in anchors}
+    return {anchor: region_of_interest(comparison, placements, way[: way.index(anchor) + 1]) for anchor in anchors}
 
 
-def misfits(search: TreeSearch, solution: Candidates, options: VoteOptions) -> int:
+def misfits(comparison: ScanComparison, solution: Candidates, options: VoteOptions) -> int:
     """Return how many scan points lie farther from one solution than noise explains, and not alone: strays do."""
     from scipy.spatial import cKDTree
 
-    points = search.observation.points[search.owners(solution, search.exists)[0] > search.noise_reach]
+    points = comparison.observation.points[comparison.owners(solution, comparison.exists)[0] > comparison.noise_reach]
     if len(points) < options.least_misfits:
         return 0
     tree = cKDTree(points)
@@ -125,12 +125,12 @@ def misfits(search: TreeSearch, solution: Candidates, options: VoteOptions) -> i
     return int((near >= options.least_misfits).sum())
 
 
-def _about(search: TreeSearch, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+def _about(comparison: ScanComparison, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """Return which points (m,) of a scene are searched and near to explained ones."""
     from scipy.spatial import cKDTree
 
-    points = search.observation.points
+    points = comparison.observation.points
     if not explained.any():
-        return search.searched
+        return comparison.searched
     distance = cKDTree(points[explained]).query(points, distance_upper_bound=reach)[0]
-    return np.asarray(search.searched & np.isfinite(distance))
+    return np.asarray(comparison.searched & np.isfinite(distance))

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin import se3
-from pwralign_kin.estimation.answers.ranking import ranked
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import ranked
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.knowledge.prior import LEAST_STD, SearchPrior, placement_in_root
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.estimation.stages import SearchedScan
 from pwralign_kin.model import ArticulatedModel
@@ -89,24 +89,18 @@ def _agreed(
         if start.scores[0] >= (1 - CONTRADICTION) * first.finished.scores[0]:
             continue
         outvoted.append(i)
-        scans[i] = Estimator(model, _with_base(model, options[i], base)).fit(first.scan, None, None)
-        tell(scans[i], first.solver.search.known)
+        again = Estimator(model, _with_base(model, options[i], base)).fit(first.scan, None, None)
+        scans[i] = again.knowing(first.solver.comparison.known)
         found = _pulled(scans[i], scans[i].finished, base)
         # Another search may take the view to have holes: both are compared by the first one's scores.
         starts[i] = max(start, _pulled(first, found, base), key=lambda one: one.scores[0])
     return Consensus(scans, starts, tuple(outvoted))
 
 
-def tell(searched: SearchedScan, known: SearchPrior) -> None:
-    """Let a search know something else of the base."""
-    searched.solver.search.known = known
-    known.tell(searched.solver.search.native)
-
-
 def known_base(searched: SearchedScan, base: Array, translation_std: float, rotation_std: float) -> SearchPrior:
     """Return what a search knows, with its base known to these standard deviations (all in search units)."""
     return replace(
-        searched.solver.search.known,
+        searched.solver.comparison.known,
         placement=base,
         translation_std=max(translation_std, LEAST_STD),
         rotation_std=max(rotation_std, LEAST_STD),
@@ -115,7 +109,7 @@ def known_base(searched: SearchedScan, base: Array, translation_std: float, rota
 
 
 def _observation(searched: SearchedScan) -> Observation:
-    return searched.solver.search.observation
+    return searched.solver.comparison.observation
 
 
 def _total(starts: list[Candidates]) -> float:
@@ -130,13 +124,11 @@ def _apart(one: Array, other: Array, diagonal: float) -> bool:
 
 def _pulled(searched: SearchedScan, candidates: Candidates, base: Array) -> Candidates:
     """Return the best of the candidates after its base was pulled to another one and the joints gave way."""
-    search, known = searched.solver.search, searched.solver.search.known
-    tell(searched, known_base(searched, _observation(searched).to_search(base), PULL_DISTANCE, PULL_TURN))
-    wide = search.refined(candidates, iterations=20, sigma=WIDE_SIGMA)
-    fine = search.refined(wide, points=search.options.fine_points, iterations=15, sigma=FINE_SIGMA)
-    best = ranked(search, fine).take([0])
-    tell(searched, known)
-    return best
+    known = known_base(searched, _observation(searched).to_search(base), PULL_DISTANCE, PULL_TURN)
+    comparison = searched.solver.comparison.knowing(known)
+    wide = comparison.refined(candidates, iterations=20, sigma=WIDE_SIGMA)
+    fine = comparison.refined(wide, points=comparison.options.fine_points, iterations=15, sigma=FINE_SIGMA)
+    return ranked(comparison, fine).take([0])
 
 
 def _with_base(model: ArticulatedModel, options: EstimatorOptions, base: Array) -> EstimatorOptions:

@@ -20,7 +20,7 @@ def with_base_covariance(
     With the base held, its doubt passes to the joints as they follow it: dq/dbase = -H_qq^-1 H_qb.
     """
     names, solver = list(estimate.state.joints), searched.solver
-    unit = np.r_[np.ones(3), np.full(3, solver.search.observation.diagonal), solver.model.joint_scales]
+    unit = np.r_[np.ones(3), np.full(3, solver.comparison.observation.diagonal), solver.model.joint_scales]
     open_ = np.array([name not in estimate.undetermined for name in names], bool) & ~solver.locked
     H = solution.problem.H + solution.problem.prior.H / solution.problem.evidence
     follows = np.zeros((6 + len(names), 6))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import (
     inverse_covariance,
     least_visible,
@@ -26,7 +27,6 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
     bounded_step,
     normal_matrix,
 )
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
 
@@ -193,8 +193,8 @@ def _doubts(
     inverse: list[Array] = []
     displaced: list[Array] = []
     for solver, base, value, problem in zip(solvers, bases, values, problems, strict=True):
-        absent = ~solver.search.exists
-        errors = observed_errors(solver.search, Candidates.single(base, value), problem)
+        absent = ~solver.comparison.exists
+        errors = observed_errors(solver.comparison, Candidates.single(base, value), problem)
         H = inverse_covariance(problem, absent, errors, span)
         if inverse:
             H[:6, :6] -= problem.prior.H[:6, :6]  # known once

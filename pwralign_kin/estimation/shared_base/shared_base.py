@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.shared_base.consensus import consensus, known_base, tell
+from pwralign_kin.estimation.shared_base.consensus import consensus, known_base
 from pwralign_kin.estimation.shared_base.covariance import with_base_covariance
 from pwralign_kin.estimation.shared_base.joint_offsets import joint_offsets
 from pwralign_kin.estimation.shared_base.result import SharedBaseEstimate
@@ -52,11 +52,13 @@ def estimate_shared_base(
     agreed = consensus(model, alone, options)
     if progress is not None:
         progress("joint least squares")
-    solvers = [searched.solver for searched in agreed.scans]
-    solved = SharedLeastSquares(solvers).run(agreed.starts)
+    solved = SharedLeastSquares([searched.solver for searched in agreed.scans]).run(agreed.starts)
+    together = [
+        searched.knowing(known_base(searched, solution.base, 0.0, 0.0))
+        for searched, solution in zip(agreed.scans, solved.solutions, strict=True)
+    ]
     estimates = []
-    for own, searched, solution in zip(options, agreed.scans, solved.solutions, strict=True):
-        tell(searched, known_base(searched, solution.base, 0.0, 0.0))
+    for own, searched, solution in zip(options, together, solved.solutions, strict=True):
         held = replace(searched, finished=_with_base_held(searched, solution.base))
         estimate = Estimator(model, own).concluded(held, solution)
         warn_of_size(searched.scan, estimate)
@@ -70,7 +72,7 @@ def estimate_shared_base(
         outvoted=agreed.outvoted,
         converged=solved.converged,
         iterations=solved.iterations,
-        offsets=joint_offsets(solvers, solved.solutions),
+        offsets=joint_offsets([searched.solver for searched in together], solved.solutions),
     )
 
 
@@ -79,10 +81,10 @@ def _with_base_held(searched: SearchedScan, base: Array) -> Candidates:
 
     An answer with another base, which fits one scan better for its sensor's errors, is no rival of the common one.
     """
-    search, found = searched.solver.search, searched.finished
-    held = search.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
+    comparison, found = searched.solver.comparison, searched.finished
+    held = comparison.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
     held.bases[:] = base
-    return search.scored(held)[0].best_first()
+    return comparison.scored(held)[0].best_first()
 
 
 def _numbered(progress: Callable[[str], None] | None, scan: int) -> Callable[[str], None] | None:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import se3
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ class SharedLeastSquares:
         """Take the problem of each scan; what they know of the base is counted once, as the first has it."""
         self.solvers = solvers
         self.joints = len(solvers[0].model.joint_names)
-        points = np.array([len(solver.search.observation.given) for solver in solvers], float)
+        points = np.array([len(solver.comparison.observation.given) for solver in solvers], float)
         self.shares = points / points.mean()
 
     def assembled(self, problems: Sequence[Problem]) -> tuple[Array, Array]:
@@ -67,9 +67,9 @@ class SharedLeastSquares:
     def run(self, starts: Sequence[Candidates]) -> SharedSolution:
         """Iterate from one configuration a scan, whose bases may differ a little, to convergence."""
         solvers, options = self.solvers, self.solvers[0].options
-        observations = [solver.search.observation for solver in solvers]
+        observations = [solver.comparison.observation for solver in solvers]
         base = _mean([o.to_scan(start.bases[0]) for o, start in zip(observations, starts, strict=True)])
-        known = solvers[0].search.known
+        known = solvers[0].comparison.known
         if known.held and known.placement is not None:
             base = observations[0].to_scan(known.placement)
         values = [s.limited(start.values[0]) for s, start in zip(solvers, starts, strict=True)]
@@ -121,8 +121,8 @@ class SharedLeastSquares:
         total = np.zeros((6, 6))
         for i, (solver, base, value, problem) in enumerate(zip(self.solvers, bases, values, problems, strict=True)):
             final = Candidates.single(base, value)
-            absent = ~solver.search.exists
-            errors = observed_errors(solver.search, final, problem)
+            absent = ~solver.comparison.exists
+            errors = observed_errors(solver.comparison, final, problem)
             H = inverse_covariance(problem, absent, errors, solver.upper - solver.lower)
             if i > 0:
                 H[:6, :6] -= problem.prior.H[:6, :6]  # known once

@@ -9,8 +9,8 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.stages import SearchedScan
 
 SWIVEL = """
@@ -42,7 +42,7 @@ def fitted(model: pk.ArticulatedModel, truth: pk.State) -> SearchedScan:
 
 
 def held_at(fit: SearchedScan, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
-    base = fit.solver.search.observation.to_search(model.root_placement(truth))
+    base = fit.solver.comparison.observation.to_search(model.root_placement(truth))
     return Candidates.single(base, np.array([value]))
 
 

@@ -9,8 +9,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
@@ -23,9 +25,11 @@ def searched_again(
     it looks at pieces of the scan."""
     observation = observe(scan, arm.diagonal, ObservationOptions(), 2)
     search = TreeSearch(
-        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
-        observation,
-        SearchPrior.nothing(arm.values({}) / units),
+        ScanComparison(
+            Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+            observation,
+            SearchPrior.nothing(arm.values({}) / units),
+        )
     )
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
     before = answers._once(0)
@@ -75,7 +79,7 @@ def test_what_is_hardly_sound_and_leaves_much_unexplained_is_searched_on(
     found = answers._once(0).best_first()
     assert answers._is_settled(found, [found])
     monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: soundness)
-    monkeypatch.setattr(TreeSearch, "unexplained", lambda *_: unexplained)
+    monkeypatch.setattr(ScanComparison, "unexplained", lambda *_: unexplained)
     assert answers._is_settled(found, [found]) == settled
 
 
@@ -89,9 +93,11 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
 ) -> None:
     observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
     search = TreeSearch(
-        Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
-        observation,
-        SearchPrior.nothing(arm.values({}) / units),
+        ScanComparison(
+            Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
+            observation,
+            SearchPrior.nothing(arm.values({}) / units),
+        )
     )
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
     before = answers._once(0)

@@ -9,9 +9,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.mending import mended, off_points
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Sensor
 
@@ -47,40 +48,40 @@ def leg(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
     return pk.ArticulatedModel.from_urdf(path)
 
 
-def searched(leg: pk.ArticulatedModel, sensor: Sensor) -> TreeSearch:
+def searched(leg: pk.ArticulatedModel, sensor: Sensor) -> ScanComparison:
     scan = pk.simulate(leg, pk.State(np.eye(4), TRUE), sensor, seed=2).scan
     observation = observe(scan, leg.diagonal, ObservationOptions(), 1)
-    return TreeSearch(
+    return ScanComparison(
         Sought(leg.kernel_model, leg.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(leg.values({}))
     )
 
 
-def configuration(leg: pk.ArticulatedModel, search: TreeSearch, joints: dict[str, float]) -> Candidates:
-    base = search.observation.to_search(leg.root_placement(pk.State(np.eye(4), joints)))
+def configuration(leg: pk.ArticulatedModel, comparison: ScanComparison, joints: dict[str, float]) -> Candidates:
+    base = comparison.observation.to_search(leg.root_placement(pk.State(np.eye(4), joints)))
     return Candidates.single(base, leg.values(joints))
 
 
 def test_what_a_part_hangs_on_is_turned_to_bring_it_to_its_points(leg: pk.ArticulatedModel) -> None:
-    search = searched(leg, TIERS["full"])
-    wrong, right = (configuration(leg, search, joints) for joints in (TURNED, TRUE))
-    parts, less = off_points(search, wrong)
+    comparison = searched(leg, TIERS["full"])
+    wrong, right = (configuration(leg, comparison, joints) for joints in (TURNED, TRUE))
+    parts, less = off_points(comparison, wrong)
     assert [leg.parts[i].name for i in parts] == ["foot"]
     assert less[0] > 0.0
-    found = mended(leg, search, wrong)
+    found = mended(leg, comparison, wrong)
     assert found is not None
-    apart = np.linalg.norm(search.probe_positions(found) - search.probe_positions(right), axis=-1).mean()
+    apart = np.linalg.norm(comparison.probe_positions(found) - comparison.probe_positions(right), axis=-1).mean()
     assert apart < 0.005
 
 
 def test_a_right_answer_is_left_alone(leg: pk.ArticulatedModel) -> None:
-    search = searched(leg, TIERS["full"])
-    right = configuration(leg, search, TRUE)
-    assert len(off_points(search, right)[0]) == 0
-    assert mended(leg, search, right) is None
+    comparison = searched(leg, TIERS["full"])
+    right = configuration(leg, comparison, TRUE)
+    assert len(off_points(comparison, right)[0]) == 0
+    assert mended(leg, comparison, right) is None
 
 
 def test_the_points_of_a_bent_scan_do_not_tell_where_a_small_part_is(leg: pk.ArticulatedModel) -> None:
-    search = searched(leg, replace(TIERS["single"], bend=0.02))
-    wrong = configuration(leg, search, TURNED)
-    assert len(off_points(search, wrong)[0]) > 0
-    assert mended(leg, search, wrong) is None
+    comparison = searched(leg, replace(TIERS["single"], bend=0.02))
+    wrong = configuration(leg, comparison, TURNED)
+    assert len(off_points(comparison, wrong)[0]) > 0
+    assert mended(leg, comparison, wrong) is None

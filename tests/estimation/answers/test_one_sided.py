@@ -9,9 +9,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.one_sided import turned_over
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import random_state
 
@@ -40,27 +41,27 @@ def test_a_laptop_seen_from_within_is_not_turned_inside_out(
     assert estimate.confidence > 0.8
 
 
-def searched(laptop: pk.ArticulatedModel, scan: pk.Scan, turned: np.ndarray | None = None) -> TreeSearch:
+def searched(laptop: pk.ArticulatedModel, scan: pk.Scan, turned: np.ndarray | None = None) -> ScanComparison:
     observation = observe(scan, laptop.diagonal, ObservationOptions(), 2, turned)
-    return TreeSearch(
+    return ScanComparison(
         Sought(laptop.kernel_model, laptop.surfaces, SearchOptions(), 2), observation, SearchPrior.nothing(np.zeros(1))
     )
 
 
 def test_what_is_seen_from_one_side_is_turned_over_part_by_part(laptop: pk.ArticulatedModel) -> None:
     scan = seen_from_within(laptop, 0.5, 0, (1, 12))
-    search = searched(laptop, scan)
-    T = search.observation.to_search(random_state(laptop, 0).T_scan_base)
-    over = turned_over(search, Candidates.single(T, np.array([0.5])))
+    comparison = searched(laptop, scan)
+    T = comparison.observation.to_search(random_state(laptop, 0).T_scan_base)
+    over = turned_over(comparison, Candidates.single(T, np.array([0.5])))
     assert 1 <= len(over) <= 2
     again = searched(laptop, scan, over[0])
-    before, after = search.observation.normals, again.observation.normals
+    before, after = comparison.observation.normals, again.observation.normals
     assert np.array_equal(after[over[0]], -before[over[0]])
     assert np.array_equal(after[~over[0]], before[~over[0]])
 
 
 def test_what_is_seen_from_both_sides_is_left_alone(laptop: pk.ArticulatedModel) -> None:
     simulated = pk.simulate(laptop, seed=4)
-    search = searched(laptop, simulated.scan)
-    T = search.observation.to_search(simulated.state.T_scan_base)
-    assert turned_over(search, Candidates.single(T, laptop.values(simulated.state.joints))) == []
+    comparison = searched(laptop, simulated.scan)
+    T = comparison.observation.to_search(simulated.state.T_scan_base)
+    assert turned_over(comparison, Candidates.single(T, laptop.values(simulated.state.joints))) == []

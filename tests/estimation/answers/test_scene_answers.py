@@ -7,15 +7,17 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from searched_scenes import observed, searching, true_and_moved
+from searched_scenes import comparing, observed, true_and_moved
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
-from pwralign_kin.estimation.answers.ranking import better_ranked
 from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch, _Known
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import better_ranked
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.search.candidates import Candidates, Hypotheses
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, is_at, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -48,18 +50,18 @@ def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
+    comparison = comparing(excavator, ready)
     astray = true_and_moved(excavator, scene, ready).take([0])
     astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
-    answers = SceneAnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
 
-    closely = answers._closely(search.about(astray, SceneSearchOptions().focus))
+    closely = answers._closely(comparison.about(astray, SceneSearchOptions().focus))
     looked = closely._found(0, closely.search, astray)
     found = closely._narrowly_repaired(closely.search, looked, turn=True)
 
-    true = search.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
-    errors = np.linalg.norm(search.probe_positions(found) - true, axis=-1).mean(axis=1)
-    assert errors.min() < 0.01 < 0.03 < np.linalg.norm(search.probe_positions(astray) - true, axis=-1).mean()
+    true = comparison.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
+    errors = np.linalg.norm(comparison.probe_positions(found) - true, axis=-1).mean(axis=1)
+    assert errors.min() < 0.01 < 0.03 < np.linalg.norm(comparison.probe_positions(astray) - true, axis=-1).mean()
 
 
 def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
@@ -89,28 +91,28 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
+    comparison = comparing(excavator, ready)
     true, astray = (true_and_moved(excavator, scene, ready).take([0]) for _ in range(2))
     astray.values[0] = excavator.within_limits(excavator.values({})) / excavator.joint_scales
-    answers = SceneAnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
 
-    found = answers._looked_at_again(0, search.scored(astray)[0]).take([0])
+    found = answers._looked_at_again(0, comparison.scored(astray)[0]).take([0])
 
     def error(own: Candidates) -> float:
-        return float(np.linalg.norm(search.probe_positions(own) - search.probe_positions(true), axis=-1).mean())
+        return float(np.linalg.norm(comparison.probe_positions(own) - comparison.probe_positions(true), axis=-1).mean())
 
     assert error(found) < 0.01 < 0.03 < error(astray)
 
 
 def test_each_place_of_a_scene_is_looked_at_once(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:
     """Looks about the same points drew the same hypotheses again; their leaders are refined all the same."""
-    search = searching(excavator, observed(excavator, scene.scan))
+    comparison = comparing(excavator, observed(excavator, scene.scan))
     options = pk.EstimatorOptions(threads=2, scene_search=SceneSearchOptions(convincing=1e6))
-    answers = SceneAnswerSearch(excavator, search, options, None, Stopwatch())
-    regions = RegionSearch(search, options.scene_search, None, pairs=True, faces=FaceOptions())
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), options, None, Stopwatch())
+    regions = RegionSearch(TreeSearch(comparison), options.scene_search, None, pairs=True, faces=FaceOptions())
     candidates = regions.candidates(0, Hypotheses.nothing())
     assert candidates is not None
-    known = _Known([], [], np.zeros_like(search.searched))
+    known = _Known([], [], np.zeros_like(comparison.searched))
 
     first = answers._looks(0, candidates, known)
 
@@ -120,23 +122,23 @@ def test_each_place_of_a_scene_is_looked_at_once(excavator: pk.ArticulatedModel,
     further = answers._looks(1, candidates, known)
     assert not any(is_at(look.focused.searched, before) for look in further)
     for leader in known.looked[len(looked) :: 2]:
-        assert len(unlike(search, leader, looked, options.scene_search.apart)) == 1
+        assert len(unlike(comparison, leader, looked, options.scene_search.apart)) == 1
 
 
 def test_looks_that_repair_cannot_bring_up_to_a_known_answer_are_not_repaired(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
-    answers = SceneAnswerSearch(excavator, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    true, aside = (search.scored(true_and_moved(excavator, scene, ready).take([i]))[0] for i in range(2))
+    comparison = comparing(excavator, ready)
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
+    true, aside = (comparison.scored(true_and_moved(excavator, scene, ready).take([i]))[0] for i in range(2))
     repaired = mock.Mock(return_value=true)
     monkeypatch.setattr(answers, "_repaired", repaired)
 
-    answers._repaired_one_by_one(0, aside, _Known([], [], np.zeros_like(search.searched)))
+    answers._repaired_one_by_one(0, aside, _Known([], [], np.zeros_like(comparison.searched)))
     assert repaired.call_count == 1
     better = Candidates(true.bases, true.values, true.scores + 10.0)
-    answers._repaired_one_by_one(0, aside, _Known([better], [], np.zeros_like(search.searched)))
+    answers._repaired_one_by_one(0, aside, _Known([better], [], np.zeros_like(comparison.searched)))
     assert repaired.call_count == 1
 
 
@@ -145,31 +147,34 @@ def test_refinement_of_answers_is_kept_where_they_rank_higher_by_it(
 ) -> None:
     ready = observed(excavator, scene.scan)
     both = true_and_moved(excavator, scene, ready)
-    kept = better_ranked(searching(excavator, ready), both, both.take([1, 0]))
+    kept = better_ranked(comparing(excavator, ready), both, both.take([1, 0]))
     np.testing.assert_array_equal(kept.bases, both.take([0, 0]).bases)
 
 
-def last_word(model: pk.ArticulatedModel, search: TreeSearch, final: Candidates) -> Candidates | None:
+def last_word(model: pk.ArticulatedModel, comparison: ScanComparison, final: Candidates) -> Candidates | None:
     options = pk.EstimatorOptions(threads=2)
-    solver = JointLeastSquares(model, search, *model.kernel_model.limits, options.least_squares)
-    return contested(solver, final, search.scored(final)[0], options)
+    solver = JointLeastSquares(model, comparison, *model.kernel_model.limits, options.least_squares)
+    return contested(solver, final, comparison.scored(final)[0], options)
 
 
 def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
+    comparison = comparing(excavator, ready)
     true, aside = (true_and_moved(excavator, scene, ready).take([i]) for i in range(2))
     wrong = Candidates(true.bases, true.values.copy(), true.scores)
     wrong.values[0, -1] = excavator.kernel_model.limits[0][-1]
-    assert np.linalg.norm(search.probe_positions(wrong) - search.probe_positions(true), axis=-1).max() > 0.05
+    assert np.linalg.norm(comparison.probe_positions(wrong) - comparison.probe_positions(true), axis=-1).max() > 0.05
 
-    mended = last_word(excavator, search, wrong)
+    mended = last_word(excavator, comparison, wrong)
 
     assert mended is not None
-    assert np.linalg.norm(search.probe_positions(mended)[0] - search.probe_positions(true)[0], axis=-1).max() < 0.01
-    elsewhere = last_word(excavator, search, aside)
+    assert (
+        np.linalg.norm(comparison.probe_positions(mended)[0] - comparison.probe_positions(true)[0], axis=-1).max()
+        < 0.01
+    )
+    elsewhere = last_word(excavator, comparison, aside)
     if elsewhere is not None:
-        moved = np.linalg.norm(search.probe_positions(elsewhere)[0] - search.probe_positions(aside)[0], axis=-1)
+        moved = np.linalg.norm(comparison.probe_positions(elsewhere)[0] - comparison.probe_positions(aside)[0], axis=-1)
         assert np.median(moved) < 0.015

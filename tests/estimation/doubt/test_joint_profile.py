@@ -65,7 +65,7 @@ def test_noise_does_not_leave_a_joint_at_another_of_its_values(tmp_path: Path) -
     fit = estimator.fit(made.scan, made.state, None)
     wrong = model.values(made.state.joints) + np.pi / 2
     placed = model.root_placement(made.state) @ model.part_placements(model.values(made.state.joints))[1]
-    base = fit.solver.search.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
+    base = fit.solver.comparison.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
     start = solved(fit.solver, base, fit.solver.limited(wrong))
     assert abs(wrapped(start.values[0] - made.state.joints["turn"])) > 1.0
     solution, doubt = doubted(fit.solver, start, fit.prior)

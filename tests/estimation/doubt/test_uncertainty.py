@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.doubt.uncertainty import Errors, covariance, inverse_covariance, observed_errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions, Problem
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.simulation import SimulatedScan
 
 NONE = np.zeros(3, bool)
 
 
 @pytest.fixture(scope="module")
-def problem(arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, units: np.ndarray) -> Problem:
-    solver = JointLeastSquares(arm, search, arm.lower / units, arm.upper / units, LeastSquaresOptions())
-    base = search.observation.to_search(arm.root_placement(full_scan.state))
+def problem(
+    arm: pk.ArticulatedModel, comparison: ScanComparison, full_scan: SimulatedScan, units: np.ndarray
+) -> Problem:
+    solver = JointLeastSquares(arm, comparison, arm.lower / units, arm.upper / units, LeastSquaresOptions())
+    base = comparison.observation.to_search(arm.root_placement(full_scan.state))
     return solver.build(base, arm.values(full_scan.state.joints) / units, 0.005)
 
 
@@ -37,22 +39,22 @@ def test_more_points_do_not_help_against_an_error_that_they_share(problem: Probl
 
 
 def test_the_samples_of_the_surface_are_no_bias_of_the_sensor(
-    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
+    arm: pk.ArticulatedModel, comparison: ScanComparison, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
 ) -> None:
-    base = search.observation.to_search(arm.root_placement(full_scan.state))
+    base = comparison.observation.to_search(arm.root_placement(full_scan.state))
     right = Candidates.single(base, arm.values(full_scan.state.joints) / units)
-    assert observed_errors(search, right, problem).systematic < 0.0005
+    assert observed_errors(comparison, right, problem).systematic < 0.0005
 
 
 def test_many_unknowns_take_up_much_of_a_bias(
-    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
+    arm: pk.ArticulatedModel, comparison: ScanComparison, full_scan: SimulatedScan, problem: Problem, units: np.ndarray
 ) -> None:
-    base = search.observation.to_search(arm.root_placement(full_scan.state))
+    base = comparison.observation.to_search(arm.root_placement(full_scan.state))
     right = Candidates.single(base, arm.values(full_scan.state.joints) / units)
-    whole = observed_errors(search, right, problem)
+    whole = observed_errors(comparison, right, problem)
     assert 9 / 60 < whole.absorbed < 9 / 20  # six of the base, three joints
     base_alone = dataclasses.replace(problem, counts=np.array([500, 0, 0, 0], np.int32))
-    assert observed_errors(search, right, base_alone).absorbed == pytest.approx(whole.absorbed * 6 / 9)
+    assert observed_errors(comparison, right, base_alone).absorbed == pytest.approx(whole.absorbed * 6 / 9)
     # What is left is the less, the more of it was taken up.
     left = [Errors(0.001, 0.01 * np.sqrt(1.0 - absorbed), absorbed).correlated for absorbed in (0.0, 0.2, 0.6)]
     assert left == pytest.approx([left[0]] * 3)

@@ -10,18 +10,18 @@ from good_evidence import GOOD
 
 import pwralign_kin as pk
 from pwralign_kin import se3
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import Evidence, _distinctness, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 
-def evidence(search: TreeSearch, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
-    base = search.observation.to_search(arm.root_placement(state))
+def evidence(comparison: ScanComparison, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
+    base = comparison.observation.to_search(arm.root_placement(state))
     final = Candidates(base[None], (arm.values(state.joints) / units)[None], np.zeros(1, np.float32))
-    return gathered(search, final, final)
+    return gathered(comparison, final, final)
 
 
 def shifted(state: pk.State, by: float) -> pk.State:
@@ -32,9 +32,9 @@ def shifted(state: pk.State, by: float) -> pk.State:
 
 
 def test_the_truth_has_all_evidence_for_it(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
-    found = evidence(search, arm, full_scan.state, units)
+    found = evidence(comparison, arm, full_scan.state, units)
     assert found.nearby < 0.01
     assert found.lacking == 0.0
     assert found.uneven < 1.5
@@ -46,12 +46,12 @@ def test_the_truth_has_all_evidence_for_it(
 
 
 def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
     true = full_scan.state
     elbow = true.joints["elbow"]
     wrong = dataclasses.replace(true, joints={**true.joints, "elbow": elbow - 1.5 * np.sign(elbow)})
-    found = evidence(search, arm, wrong, units)
+    found = evidence(comparison, arm, wrong, units)
     assert found.nearby > 0.01
     assert found.lacking > 0.1
     assert found.margin < 0.0
@@ -70,9 +70,9 @@ def test_noise_and_few_points_make_answers_alike(arm: pk.ArticulatedModel) -> No
 
 
 def test_surface_that_noise_does_not_explain_is_astray(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
-    found = evidence(search, arm, shifted(full_scan.state, 0.015 * arm.diagonal), units)
+    found = evidence(comparison, arm, shifted(full_scan.state, 0.015 * arm.diagonal), units)
     assert found.strange < 0.05
     assert found.astray > 0.1
 
@@ -139,9 +139,9 @@ def test_a_box_is_hardly_taken_for_an_arm(arm: pk.ArticulatedModel, size: float)
 
 
 def test_an_answer_that_explains_nothing_has_no_evidence_for_it(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
-    found = evidence(search, arm, shifted(full_scan.state, 100.0 * arm.diagonal), units)
+    found = evidence(comparison, arm, shifted(full_scan.state, 100.0 * arm.diagonal), units)
     assert found.lacking == 1.0
     assert found.borne_out == 0.0
     assert confidence(found) < 0.05
@@ -163,13 +163,13 @@ def test_what_a_view_does_not_show_is_not_missed(arm: pk.ArticulatedModel) -> No
 
 
 def test_surface_that_points_cross_does_not_agree_with_them(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
     true = full_scan.state
     turned = true.T_scan_base.copy()
     turned[:3, :3] = turned[:3, :3] @ se3.exp(np.array([0.6, 0.6, 0.0, 0.0, 0.0, 0.0]))[:3, :3]
     right, wrong = (
-        evidence(search, arm, state, units) for state in (true, dataclasses.replace(true, T_scan_base=turned))
+        evidence(comparison, arm, state, units) for state in (true, dataclasses.replace(true, T_scan_base=turned))
     )
     assert right.agreed > 0.8
     assert wrong.agreed < right.agreed - 0.15
@@ -177,15 +177,15 @@ def test_surface_that_points_cross_does_not_agree_with_them(
 
 
 def test_points_that_err_together_prefer_a_rival_by_no_more_than_their_patches(
-    search: TreeSearch, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
 ) -> None:
     placed = [
-        search.observation.to_search(arm.root_placement(state))
+        comparison.observation.to_search(arm.root_placement(state))
         for state in (shifted(full_scan.state, 0.01 * arm.diagonal), full_scan.state)
     ]
     values = np.tile(arm.values(full_scan.state.joints) / units, (2, 1))
     bent = Candidates(np.array(placed), values, np.zeros(2, np.float32))
-    (worse,), (better,) = _distinctness(search, bent), _distinctness(search, bent.take([1, 0]))
+    (worse,), (better,) = _distinctness(comparison, bent), _distinctness(comparison, bent.take([1, 0]))
     assert better > 15.0
     assert -8.0 < worse < -1.0
 

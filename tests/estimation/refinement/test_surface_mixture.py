@@ -9,10 +9,10 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin import kernels, se3
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.simulation import Sensor, SimulatedScan
 
@@ -37,15 +37,15 @@ SHEETS = """<robot name="sheets">
 
 
 @pytest.fixture(scope="module")
-def solver(arm: pk.ArticulatedModel, search: TreeSearch, units: np.ndarray) -> JointLeastSquares:
-    return JointLeastSquares(arm, search, arm.lower / units, arm.upper / units, LeastSquaresOptions())
+def solver(arm: pk.ArticulatedModel, comparison: ScanComparison, units: np.ndarray) -> JointLeastSquares:
+    return JointLeastSquares(arm, comparison, arm.lower / units, arm.upper / units, LeastSquaresOptions())
 
 
 @pytest.fixture(scope="module")
 def truth(
-    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, units: np.ndarray
+    arm: pk.ArticulatedModel, comparison: ScanComparison, full_scan: SimulatedScan, units: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    base = search.observation.to_search(arm.root_placement(full_scan.state))
+    base = comparison.observation.to_search(arm.root_placement(full_scan.state))
     return base, arm.values(full_scan.state.joints) / units
 
 
@@ -82,7 +82,7 @@ def test_scores_are_the_derivatives_of_the_likelihood(
 ) -> None:
     base, values = truth
     mixture = kernels.SurfaceMixture(arm.kernel_model, SIGMA)
-    points = np.ascontiguousarray(solver.search.observation.given[::20])
+    points = np.ascontiguousarray(solver.comparison.observation.given[::20])
     g = evidence(solver, mixture, points, base, values)[1]
     h = 1e-3
     for parameter in range(len(g)):
@@ -105,7 +105,7 @@ def test_evidence_is_the_same_at_any_number_of_threads(
     arm: pk.ArticulatedModel, solver: JointLeastSquares, truth: tuple[np.ndarray, np.ndarray]
 ) -> None:
     mixture = kernels.SurfaceMixture(arm.kernel_model, SIGMA)
-    points = solver.search.observation.given
+    points = solver.comparison.observation.given
     one, three = (evidence(solver, mixture, points, *truth, threads=threads) for threads in (1, 3))
     for first, second in zip(one, three, strict=True):
         np.testing.assert_array_equal(first, second)

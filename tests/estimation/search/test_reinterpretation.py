@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
 from pwralign_kin.estimation.search.reinterpretation import ReinterpretationOptions, reinterpreted
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
+from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.model.symmetry import find_symmetry
 
@@ -53,13 +55,15 @@ def searched(figure: pk.ArticulatedModel) -> TreeSearch:
     observation = observe(scan, figure.diagonal, ObservationOptions(), 1)
     neutral = figure.values({})
     return TreeSearch(
-        Sought(figure.kernel_model, figure.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(neutral)
+        ScanComparison(
+            Sought(figure.kernel_model, figure.surfaces, SearchOptions(), 1), observation, SearchPrior.nothing(neutral)
+        )
     )
 
 
 def configuration(figure: pk.ArticulatedModel, search: TreeSearch, joints: dict[str, float]) -> Candidates:
     base = search.observation.to_search(figure.root_placement(pk.State(np.eye(4), joints)))
-    return search.scored(Candidates(base[None], figure.values(joints)[None], np.zeros(1, np.float32)))[0]
+    return search.comparison.scored(Candidates(base[None], figure.values(joints)[None], np.zeros(1, np.float32)))[0]
 
 
 @pytest.mark.parametrize("sides", [("left",), ("left", "right")])
@@ -78,7 +82,9 @@ def test_a_thigh_turned_over_comes_right(
         assert found is not None
         answer = found.take([0])
     assert answer.scores[0] > right.scores[0] - 0.01
-    apart = np.linalg.norm(searched.probe_positions(answer) - searched.probe_positions(right), axis=-1)
+    apart = np.linalg.norm(
+        searched.comparison.probe_positions(answer) - searched.comparison.probe_positions(right), axis=-1
+    )
     assert apart.mean() < 0.02
 
 

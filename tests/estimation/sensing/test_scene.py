@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched_scenes import EVERYWHERE, observed, scenes_of, searched_points, searching, true_and_moved
+from searched_scenes import EVERYWHERE, comparing, observed, scenes_of, searched_points, true_and_moved
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.search.candidates import Candidates
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of
@@ -74,7 +74,7 @@ def test_the_field_of_a_scene_does_not_depend_on_the_threads(
 ) -> None:
     several = [observed(excavator, scene.scan, threads=threads) for threads in (1, 3)]
     scores = [
-        searching(excavator, ready).scored(true_and_moved(excavator, scene, ready))[0].scores for ready in several
+        comparing(excavator, ready).scored(true_and_moved(excavator, scene, ready))[0].scores for ready in several
     ]
     assert np.array_equal(*scores)
 
@@ -83,9 +83,9 @@ def against(model: pk.ArticulatedModel, made: SimulatedScan, points: np.ndarray,
     """Return how much of the model's surface, at the truth, a view of `points` speaks against."""
     scan, options = pk.Scan(points, sensor_origin=np.zeros(3)), SceneOptions(unreturned=unreturned)
     ready = observe_scene(scan, replace(scenes_of(model), options=options), EVERYWHERE)
-    search = searching(model, ready)
-    support = search.scored(true_and_moved(model, made, ready).take([0]))[1][0]
-    return -float(support @ (search.weights * search.exists))
+    comparison = comparing(model, ready)
+    support = comparison.scored(true_and_moved(model, made, ready).take([0]))[1][0]
+    return -float(support @ (comparison.weights * comparison.exists))
 
 
 def test_a_hole_in_the_view_says_less_against_the_model_than_what_is_seen_behind_it(
@@ -119,14 +119,14 @@ def test_a_scene_says_as_much_of_what_is_far_from_all_that_is_searched(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search, answer = searching(excavator, ready), true_and_moved(excavator, scene, ready).take([0])
+    comparison, answer = comparing(excavator, ready), true_and_moved(excavator, scene, ready).take([0])
     sensor = ready.scaled(np.zeros((1, 3)))[0]
     forward = answer.bases[0, :3, 3] - sensor
 
     def against_model(at: np.ndarray) -> float:
         answer.bases[0, :3, 3] = at
-        support = search.scored(answer)[1][0]
-        return -float(support @ (search.weights * search.exists))
+        support = comparison.scored(answer)[1][0]
+        return -float(support @ (comparison.weights * comparison.exists))
 
     assert against_model(sensor + 0.5 * forward) > 0.6  # before everything else
     assert against_model(sensor - forward) == 0.0  # behind the camera
@@ -161,11 +161,11 @@ def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_ro
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
-    search = searching(excavator, ready)
+    comparison = comparing(excavator, ready)
     candidates = true_and_moved(excavator, scene, ready)
-    about = search.about(candidates.take([0]), SceneSearchOptions().focus)
+    about = comparison.about(candidates.take([0]), SceneSearchOptions().focus)
 
-    closely = search.of(close_up(ready, about.searched, ObservationOptions(), SceneOptions(), 2))
+    closely = comparison.of(close_up(ready, about.searched, ObservationOptions(), SceneOptions(), 2))
 
     assert not closely.observation.scene and closely.searched.all()
     assert np.array_equal(closely.observation.points, ready.points[about.searched])
@@ -186,11 +186,11 @@ def test_what_a_limb_passes_without_facing_alike_counts_against_it_in_a_close_lo
     across = np.cross(ready.normals, aside)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
     true = true_and_moved(excavator, scene, ready).take([0])
-    near = searching(excavator, ready).about(true, SceneSearchOptions().focus).searched
+    near = comparing(excavator, ready).about(true, SceneSearchOptions().focus).searched
 
     def explained(normals: np.ndarray) -> float:
         view = close_up(replace(ready, normals=normals), near, ObservationOptions(), SceneOptions(), 2)
-        return float(searching(excavator, ready).of(view).coverage(true)[0])
+        return float(comparing(excavator, ready).of(view).coverage(true)[0])
 
     assert explained(np.ascontiguousarray(across, np.float32)) < 0.0 < explained(ready.normals)
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.tree_search import Float, TreeSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.scan_comparison import Float, ScanComparison
 from pwralign_kin.se3 import Array
 
 STARTS, DIRECTIONS = 1000, 8
@@ -32,18 +32,18 @@ PRICE, USUAL = 0.6, 0.15
 """Score of a scene's answer that is lost where all its edges are continued, and their share that costs nothing."""
 
 
-def priced(search: TreeSearch, candidates: Candidates) -> Candidates:
+def priced(comparison: ScanComparison, candidates: Candidates) -> Candidates:
     """Return the candidates in the same order, the scores of those that could be the best less what `continued` costs.
 
     Scores tell what is explained, and all of a plate that lies in a wall is.
     """
     scores = candidates.scores.copy()
     for rank in np.flatnonzero(scores > scores.max() - PRICE):
-        scores[rank] -= _price(search, candidates.take([rank]))
+        scores[rank] -= _price(comparison, candidates.take([rank]))
     return Candidates(candidates.bases, candidates.values, scores)
 
 
-def best_priced(search: TreeSearch, candidates: Candidates) -> Candidates:
+def best_priced(comparison: ScanComparison, candidates: Candidates) -> Candidates:
     """Return the best of the candidates (one) as `priced`, which is known before all prices are."""
     ordered, best = candidates.best_first(), -np.inf
     chosen = ordered.take([0])
@@ -51,44 +51,44 @@ def best_priced(search: TreeSearch, candidates: Candidates) -> Candidates:
         if score <= best:
             break
         one = ordered.take([rank])
-        one.scores[0] -= _price(search, one)
+        one.scores[0] -= _price(comparison, one)
         if one.scores[0] > best:
             chosen, best = one, float(one.scores[0])
     return chosen
 
 
-def _price(search: TreeSearch, candidate: Candidates) -> float:
+def _price(comparison: ScanComparison, candidate: Candidates) -> float:
     """Return what the continued edges of one candidate cost."""
-    return PRICE / (1.0 - USUAL) * max(0.0, continued(search, candidate) - USUAL)
+    return PRICE / (1.0 - USUAL) * max(0.0, continued(comparison, candidate) - USUAL)
 
 
-def continued(search: TreeSearch, candidate: Candidates) -> float:
+def continued(comparison: ScanComparison, candidate: Candidates) -> float:
     """Return the share of the model's edges, of one candidate, beyond which the scan goes on in the same plane."""
-    distance, _, cosine = search.lying(candidate)
-    return continued_beside(search, candidate, distance, cosine)
+    distance, _, cosine = comparison.lying(candidate)
+    return continued_beside(comparison, candidate, distance, cosine)
 
 
-def continued_beside(search: TreeSearch, candidate: Candidates, distances: Float, cosines: Float) -> float:
+def continued_beside(comparison: ScanComparison, candidate: Candidates, distances: Float, cosines: Float) -> float:
     """Return the same from how far the scan points are from the candidate's surface, and their normals from its.
 
     Steps are taken along the scan's surface from points on the model. Of those that leave the model, the share counts
     that ends on points of the same plane. At true edges the scan ends or turns, or something else hides what follows.
     """
-    observation = search.observation
+    observation = comparison.observation
     # Without a sensor, which side of a surface is outside is a guess.
     alike = (cosines if observation.single_view else np.abs(cosines)) >= ALIKE
-    starts = _spread(np.flatnonzero((distances <= search.reach) & alike), observation.areas)
+    starts = _spread(np.flatnonzero((distances <= comparison.reach) & alike), observation.areas)
     if len(starts) == 0:
         return 0.0
     points, normals = observation.points[starts], observation.normals[starts]
     step = max(STEP, SPACINGS * observation.spacing)
     ends = (points[:, None] + step * _directions(normals)).reshape(-1, 3).astype(np.float32)
-    reach = search.reach + BEYOND
-    placements = search.part_placements(candidate)[0]
-    off = np.flatnonzero(search.assigned(ends, placements, search.exists, 1.01 * reach)[0] > reach)
+    reach = comparison.reach + BEYOND
+    placements = comparison.part_placements(candidate)[0]
+    off = np.flatnonzero(comparison.assigned(ends, placements, comparison.exists, 1.01 * reach)[0] > reach)
     start, end = off // DIRECTIONS, ends[off]
     follower = observation.field.nearest(np.ascontiguousarray(end))
-    follows = (follower >= 0) & (distances[follower] > search.reach)
+    follows = (follower >= 0) & (distances[follower] > comparison.reach)
     following, turned = observation.points[follower], observation.normals[follower]
     around = max(AROUND, AROUND_SPACINGS * observation.spacing)
     follows &= np.linalg.norm(following - end, axis=1) < around

@@ -9,10 +9,11 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.scenes import scene
+from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import best_priced, continued, priced
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.candidates import Candidates
-from pwralign_kin.estimation.search.continuation import best_priced, continued, priced
-from pwralign_kin.estimation.search.tree_search import SearchOptions, Sought, TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 
 PLATE = """<robot name="plate"><link name="plate">
@@ -28,27 +29,27 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
     return pk.ArticulatedModel.from_urdf(path)
 
 
-def searched(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> TreeSearch:
+def searched(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> ScanComparison:
     """Return the search for the plate in a scan of `surfaces`."""
     points = np.concatenate(surfaces) + np.random.default_rng(1).normal(scale=5e-4, size=(sum(map(len, surfaces)), 3))
     scan = pk.Scan(points, sensor_origin=EYE)
     ready = observe(scan, plate.diagonal, ObservationOptions(), 1)
-    return TreeSearch(
+    return ScanComparison(
         Sought(plate.kernel_model, plate.surfaces, SearchOptions(), 1), ready, SearchPrior.nothing(np.zeros(0))
     )
 
 
-def at_height(search: TreeSearch, height: float, score: float = 0.0) -> Candidates:
+def at_height(comparison: ScanComparison, height: float, score: float = 0.0) -> Candidates:
     """Return the plate above the origin."""
     T = np.eye(4)
     T[2, 3] = height
-    return Candidates.single(search.observation.to_search(T), np.zeros(0), score)
+    return Candidates.single(comparison.observation.to_search(T), np.zeros(0), score)
 
 
 def share_continued(plate: pk.ArticulatedModel, *surfaces: np.ndarray) -> float:
     """Return what is continued of the plate at the origin in a scan of `surfaces`."""
-    search = searched(plate, *surfaces)
-    return continued(search, at_height(search, 0.0))
+    comparison = searched(plate, *surfaces)
+    return continued(comparison, at_height(comparison, 0.0))
 
 
 def level(width: float, depth: float, height: float) -> np.ndarray:
@@ -72,9 +73,9 @@ def test_what_lies_behind_a_plate_does_not_continue_it(plate: pk.ArticulatedMode
 
 
 def test_the_best_price_is_that_of_all_prices(plate: pk.ArticulatedModel) -> None:
-    search = searched(plate, level(1.6, 1.4, 0.01), level(0.6, 0.4, 0.51))
-    several = Candidates.concatenate([at_height(search, *own) for own in ((1.0, 0.5), (0.0, 0.9), (0.5, 0.8))])
-    best, all_of = best_priced(search, several), priced(search, several)
+    comparison = searched(plate, level(1.6, 1.4, 0.01), level(0.6, 0.4, 0.51))
+    several = Candidates.concatenate([at_height(comparison, *own) for own in ((1.0, 0.5), (0.0, 0.9), (0.5, 0.8))])
+    best, all_of = best_priced(comparison, several), priced(comparison, several)
     assert all_of.scores[1] < all_of.scores[2] == best.scores[0] == all_of.scores.max()
     assert np.array_equal(best.bases[0], several.bases[2])
     assert several.scores[1] == np.float32(0.9)

@@ -1,0 +1,1 @@
+"""Configurations compared with the scan, which every later stage does."""
