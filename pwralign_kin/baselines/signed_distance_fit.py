@@ -136,7 +136,7 @@ class _Problem:
             if not surface.exists:
                 continue
             local = (self.points - T[:3, 3]) @ T[:3, :3]
-            cell = np.floor((local - surface.origin) / surface.scalars[0]).astype(np.int64)
+            cell = np.floor((local - surface.origin) / surface.cell).astype(np.int64)
             inside = np.flatnonzero(((cell >= 0) & (cell < surface.grid.shape)).all(axis=1))
             sample = surface.grid[tuple(cell[inside].T)]
             inside, sample = inside[sample != _BEYOND], sample[sample != _BEYOND]

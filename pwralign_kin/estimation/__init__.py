@@ -7,7 +7,7 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences, F
 from pwralign_kin.estimation.knowledge.prior import BasePrior
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
-from pwralign_kin.estimation.shared_base.shared_base import SharedBaseEstimate
+from pwralign_kin.estimation.shared_base.result import SharedBaseEstimate
 
 __all__ = [
     "Alternative",

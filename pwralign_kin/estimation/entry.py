@@ -11,7 +11,8 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.second_looks import estimated
-from pwralign_kin.estimation.shared_base.shared_base import SharedBaseEstimate, estimate_shared_base
+from pwralign_kin.estimation.shared_base.result import SharedBaseEstimate
+from pwralign_kin.estimation.shared_base.shared_base import estimate_shared_base
 from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan

@@ -32,7 +32,7 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
 from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
-from pwralign_kin.estimation.stages import Fit, Judged
+from pwralign_kin.estimation.stages import Judged, SearchedScan
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
@@ -98,7 +98,7 @@ class Estimator:
         surroundings: NDArray[np.bool_] | None = None,
         turned: NDArray[np.bool_] | None = None,
         borders: NDArray[np.float32] | None = None,
-    ) -> Fit:
+    ) -> SearchedScan:
         """Return all answers worth comparing, before the joint least squares.
 
         Points known to be of the `surroundings` (n,) make the scan a scene. Prepared points that are `turned` (m,) are
@@ -121,9 +121,9 @@ class Estimator:
         with watch.stage("finish"):
             finished = answers.finished(found)
         solver = JointLeastSquares(self.model, found.comparison, lower, upper, self.options.least_squares)
-        return Fit(scan, initial, correspondences, solver, finished, prior, watch)
+        return SearchedScan(scan, initial, correspondences, solver, finished, prior, watch)
 
-    def finished(self, fit: Fit) -> Estimate:
+    def finished(self, fit: SearchedScan) -> Estimate:
         """Return the estimate that a search makes, or a better answer if its contest finds one."""
         judged, equal = self._settled(fit)
         with fit.watch.stage("contest"):
@@ -133,7 +133,7 @@ class Estimator:
             judged, equal = self._settled(fit)
         return reported(fit, judged, equal, self.options)
 
-    def _settled(self, fit: Fit) -> tuple[Judged, Candidates]:
+    def _settled(self, fit: SearchedScan) -> tuple[Judged, Candidates]:
         """Return the best answer solved and judged, and those that look alike."""
         with fit.watch.stage("least squares"):
             solution = self._solve(fit.solver, fit.finished)
@@ -153,12 +153,12 @@ class Estimator:
         )  # fmt: skip
         return scan.without_sensor_origin()
 
-    def concluded(self, fit: Fit, solution: Solution) -> Estimate:
+    def concluded(self, fit: SearchedScan, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
         equal = equal_answers(self.model, fit.solver.comparison, solution.configuration)
         return reported(fit, self._judged(fit, solution), equal, self.options)
 
-    def _judged(self, fit: Fit, solution: Solution) -> Judged:
+    def _judged(self, fit: SearchedScan, solution: Solution) -> Judged:
         """Say what the scan does not tell of a solution, and what speaks for and against it."""
         with fit.watch.stage("least squares"):
             solution, doubt = doubted(fit.solver, solution, fit.prior)
@@ -264,7 +264,7 @@ class Estimator:
             return Solution(base, values, problem, True, 0)
         return solved(solver, base, solver.limited(values))
 
-    def _chosen(self, fit: Fit, solution: Solution) -> tuple[Solution, Candidates]:
+    def _chosen(self, fit: SearchedScan, solution: Solution) -> tuple[Solution, Candidates]:
         """Return which of the answers that look alike is meant, by a guess or by likelihood, and the others."""
         comparison = fit.solver.comparison
         answer = solution.configuration
@@ -294,7 +294,7 @@ def warn_of_size(scan: Scan, estimate: Estimate) -> None:
         )  # fmt: skip
 
 
-def bearing_out(fit: Fit, solution: Solution) -> Candidates:
+def bearing_out(fit: SearchedScan, solution: Solution) -> Candidates:
     """Return the configuration by which the points bear an answer out: the solution, or what the search ended with
     where that scores more and is the same answer but for what the outline mends.
 

@@ -12,7 +12,7 @@ from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.options import EstimatorOptions, changed
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.sensing.observation import Observation
-from pwralign_kin.estimation.stages import Fit, Judged
+from pwralign_kin.estimation.stages import Judged, SearchedScan
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
@@ -24,7 +24,7 @@ EQUAL_POINTS = 600
 """Scan points that answers made from the model's symmetry are refined with."""
 
 
-def reported(fit: Fit, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
+def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
     """Return the estimate that a `judged` answer makes.
 
     Beside it are the other answers that the search ended with and those that the model's symmetry makes `equal` to it.

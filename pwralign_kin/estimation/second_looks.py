@@ -23,7 +23,7 @@ from pwralign_kin.estimation.sensing.observation import was_prepared, without_fa
 from pwralign_kin.estimation.sensing.picture import borders_of
 from pwralign_kin.estimation.sensing.scene import surroundings_of
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
-from pwralign_kin.estimation.stages import Fit
+from pwralign_kin.estimation.stages import SearchedScan
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.state import State
@@ -31,7 +31,7 @@ from pwralign_kin.state import State
 logger = logging.getLogger(__name__)
 
 Bool = NDArray[np.bool_]
-Answer = tuple[Fit, Estimate]
+Answer = tuple[SearchedScan, Estimate]
 
 BLIND, SIGHTED = 0.1, 0.5
 """Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
@@ -64,7 +64,7 @@ def estimated(
     return estimate
 
 
-def _from_other_sides(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+def _from_other_sides(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from one
     side only, and return the best."""
     observation = fit.solver.comparison.observation
@@ -90,7 +90,7 @@ def _from_other_sides(estimator: Estimator, fit: Fit, estimate: Estimate) -> Ans
     return (fit, estimate) if fit is first else (fit, estimator.finished(fit))
 
 
-def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
+def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> SearchedScan | None:
     """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
     observation, enough = fit.solver.comparison.observation, fit.finished.scores[0] + OTHER_SIDE
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
@@ -107,7 +107,7 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: Fit) -> Fit | None:
     return replace(from_answer, initial=fit.initial, prior=fit.prior)
 
 
-def _within_picture(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view that the border of its picture cuts, as one that tells nothing of what is beyond, and return
     the best answer by what it then tells. An answer from a guess was not led away from it by free space."""
     observation = fit.solver.comparison.observation
@@ -125,7 +125,7 @@ def _within_picture(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answe
     return best, estimator.finished(best)
 
 
-def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+def _beside_surroundings(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
 
     The patch draws parts of the model to it, and passes for a sign that something else was scanned.
@@ -144,7 +144,7 @@ def _beside_surroundings(estimator: Estimator, fit: Fit, estimate: Estimate) -> 
     return other if other[1].confidence >= estimate.confidence else (fit, estimate)
 
 
-def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+def _without_sensor_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and return
     that answer if it is good: the origin must be wrong."""
     observation = fit.solver.comparison.observation
@@ -161,7 +161,7 @@ def _without_sensor_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -
     return other
 
 
-def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) -> Answer:
+def _seen_from_own_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were seen
     from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
     known, observation = fit.scan.sensor_origin is not None, fit.solver.comparison.observation
@@ -179,7 +179,7 @@ def _seen_from_own_origin(estimator: Estimator, fit: Fit, estimate: Estimate) ->
     return _within_picture(estimator, *other)
 
 
-def _sighted(estimator: Estimator, fit: Fit, scan: Scan) -> Answer | None:
+def _sighted(estimator: Estimator, fit: SearchedScan, scan: Scan) -> Answer | None:
     """Return the answer to the scan of a `fit` seen from elsewhere, None if it is not sound.
 
     One short search tells most of those that are and that are not.
@@ -198,12 +198,12 @@ def _sighted(estimator: Estimator, fit: Fit, scan: Scan) -> Answer | None:
     return (found, other) if soundness(other.evidence) >= SIGHTED else None
 
 
-def _searched_soundness(fit: Fit) -> float:
+def _searched_soundness(fit: SearchedScan) -> float:
     """Return how sound the answer is that a search ended with."""
     return soundness(gathered(fit.solver.comparison, fit.finished.take([0]), fit.finished))
 
 
-def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
+def _again(estimator: Estimator, fit: SearchedScan, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
     """Return the answer to the scan of a `fit` as it is supposed to be; None if nothing of it can be of the model."""
     try:
         other = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch, surroundings)
@@ -212,7 +212,7 @@ def _again(estimator: Estimator, fit: Fit, scan: Scan, surroundings: Bool | None
         return None
 
 
-def _against_mirror_image(estimator: Estimator, fit: Fit, estimate: Estimate) -> Estimate:
+def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Estimate:
     """Hold an answer that leaves points strange or astray against one to the mirror image of the scan, which some
     programs write: their coordinates are left-handed.
 

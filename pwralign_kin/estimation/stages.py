@@ -17,7 +17,7 @@ from pwralign_kin.state import State
 
 
 @dataclass(frozen=True)
-class Fit:
+class SearchedScan:
     """One scan searched: the state of an estimate before the joint least squares."""
 
     scan: Scan
@@ -32,7 +32,7 @@ class Fit:
     """(k,) values in search units that joints keep where the scan does not tell."""
     watch: Stopwatch
 
-    def knowing(self, known: SearchPrior) -> Fit:
+    def knowing(self, known: SearchPrior) -> SearchedScan:
         """Return the same, judged from here on by another prior of base and joints."""
         return replace(self, solver=self.solver.knowing(known))
 

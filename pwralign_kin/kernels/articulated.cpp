@@ -6,9 +6,7 @@ namespace pwr {
 int PairTable::feature(Vec p, Vec n, Vec q, Vec m) const {
     const Vec d = q - p;
     const float length = std::max(norm(d), 1e-12f);
-    auto bin = [](float cosine) {
-        return int(std::acos(std::clamp(cosine, -1.f, 1.f)) * float(10 / M_PI));
-    };
+    auto bin = [](float cosine) { return int(std::acos(std::clamp(cosine, -1.f, 1.f)) * float(10 / M_PI)); };
     const int distance = std::min(int(length / distance_bin), distance_bins);
     return ((distance * angle_bins + bin(dot(n, d) / length)) * angle_bins + bin(dot(m, d) / length)) * angle_bins +
            bin(dot(n, m));
@@ -63,8 +61,7 @@ Rigid Articulated::joint_placement(int part, double value) const {
     Rigid M = Rigid::identity();
     if (prismatic[part])
         for (int i = 0; i < 3; ++i) M.t[i] = motion * axis[3 * part + i];
-    else
-        rotation_about(&axis[3 * part], motion, M.R);
+    else rotation_about(&axis[3 * part], motion, M.R);
     return placement[part] * M;
 }
 

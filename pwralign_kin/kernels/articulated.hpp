@@ -29,20 +29,20 @@ struct Surface {
     bool exists = false;
     float size = 0, area = 0, weight = 0, radius = 0;
     Vec centre{0, 0, 0};
-    std::vector<Vec> p, n;                     // coarse samples, farthest first: any prefix is a coarse set
-    std::vector<float> w, cumulated;           // weights of the coarse samples and of every prefix
-    std::vector<OrientedPoint> dense;          // samples that the grid refers to, ...
-    OrientedRows dense_rows;                   // ... and once more, for several at a time
-    std::vector<Vec> apparent;                 // their normals as a scan tells them
-    std::vector<uint16_t> grid;                // closest dense sample per cell
+    std::vector<Vec> p, n;            // coarse samples, farthest first: any prefix is a coarse set
+    std::vector<float> w, cumulated;  // weights of the coarse samples and of every prefix
+    std::vector<OrientedPoint> dense; // samples that the grid refers to, ...
+    OrientedRows dense_rows;          // ... and once more, for several at a time
+    std::vector<Vec> apparent;        // their normals as a scan tells them
+    std::vector<uint16_t> grid;       // closest dense sample per cell
     Vec grid_origin{0, 0, 0};
-    float inverse = 1;                         // of the size of a cell
-    float slack = 0;                           // tangential distance to the closest sample that means nothing
-    float cell_slack = 0;                      // more of it, for a cell may name a sample that is not the closest: it
-                                               // counts in what tells a joint; small parts are told apart without
-    Vec middle{0, 0, 0}, half{0, 0, 0};        // of the box around all discs of radius `slack`
-    SplitPoints lane_points, lane_normals;     // the coarse samples once more, ...
-    std::vector<float> lane_weights;           // ... for several at a time
+    float inverse = 1;                     // of the size of a cell
+    float slack = 0;                       // tangential distance to the closest sample that means nothing
+    float cell_slack = 0;                  // more of it, for a cell may name a sample that is not the closest: it
+                                           // counts in what tells a joint; small parts are told apart without
+    Vec middle{0, 0, 0}, half{0, 0, 0};    // of the box around all discs of radius `slack`
+    SplitPoints lane_points, lane_normals; // the coarse samples once more, ...
+    std::vector<float> lane_weights;       // ... for several at a time
     int dims[3] = {0, 0, 0};
     PairTable pairs;
 
@@ -65,8 +65,8 @@ struct Surface {
         const uint16_t named = grid[(int64_t(x) * dims[1] + int64_t(y)) * dims[2] + int64_t(z)];
         return named == none ? -1 : int(named);
     }
-    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each: `aside`
-    // is how far beyond its rim the position lies.
+    // Distance of a local position to a dense sample. The surface is taken as a disc of radius `slack` around each:
+    // `aside` is how far beyond its rim the position lies.
     float distance_to(int sample, Vec local, float &aside) const {
         const Vec d = local - dense[sample].p;
         const float plane = dot(d, dense[sample].n);
@@ -79,7 +79,8 @@ struct Surface {
         dense_rows.gather(samples, place, normal);
         const VecLanes d = local - place;
         const FloatLanes plane = dot(d, normal), nothing{};
-        const FloatLanes aside = max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - (slack + wider), nothing);
+        const FloatLanes aside =
+            max_lanes(sqrt_lanes(max_lanes(dot(d, d) - plane * plane, nothing)) - (slack + wider), nothing);
         return sqrt_lanes(plane * plane + aside * aside);
     }
 };
@@ -120,8 +121,8 @@ class Articulated {
     void joint_twist(int part, const Rigid *T, const double *c, double *twist) const;
     // Those of all parts, (parts, 6); the root's is zero.
     void joint_twists(const Rigid *T, const double *c, double *twists) const;
-    // Add the normal equations of the parts to those of base and joints (6 + joints), accumulated from the leaves (as in
-    // Featherstone's composite-rigid-body algorithm). Those of the base itself stay in normal[0], complete.
+    // Add the normal equations of the parts to those of base and joints (6 + joints), accumulated from the leaves (as
+    // in Featherstone's composite-rigid-body algorithm). Those of the base itself stay in normal[0], complete.
     void compose(Normal *normal, const double *twists, double *H, double *g) const;
 };
 

@@ -12,13 +12,16 @@ class Cells {
         origin = count ? points[0] : Vec{0, 0, 0};
         Vec high = origin;
         for (int64_t i = 0; i < count; ++i) {
-            origin = {std::min(origin.x, points[i].x), std::min(origin.y, points[i].y), std::min(origin.z, points[i].z)};
+            origin = {std::min(origin.x, points[i].x), std::min(origin.y, points[i].y),
+                      std::min(origin.z, points[i].z)};
             high = {std::max(high.x, points[i].x), std::max(high.y, points[i].y), std::max(high.z, points[i].z)};
         }
-        nx = coordinate(high.x - origin.x) + 1, ny = coordinate(high.y - origin.y) + 1, nz = coordinate(high.z - origin.z) + 1;
+        nx = coordinate(high.x - origin.x) + 1, ny = coordinate(high.y - origin.y) + 1,
+        nz = coordinate(high.z - origin.z) + 1;
         keys.resize(count), order.resize(count), sorted.resize(count);
         for (int64_t i = 0; i < count; ++i)
-            keys[i] = uint64_t((coordinate(points[i].x - origin.x) * ny + coordinate(points[i].y - origin.y)) * nz + coordinate(points[i].z - origin.z));
+            keys[i] = uint64_t((coordinate(points[i].x - origin.x) * ny + coordinate(points[i].y - origin.y)) * nz +
+                               coordinate(points[i].z - origin.z));
         std::iota(order.begin(), order.end(), 0);
         sort();
         for (int64_t i = 0; i < count; ++i) sorted[i] = points[order[i]];
@@ -75,7 +78,8 @@ class Cells {
     SplitPoints split;          // ... and once more, for several at a time
 
   private:
-    // Radix sort, byte by byte from the lowest; points of a cell keep their order. Bytes that all keys share are skipped.
+    // Radix sort, byte by byte from the lowest; points of a cell keep their order. Bytes that all keys share are
+    // skipped.
     void sort() {
         uint64_t any = 0, all = ~uint64_t(0);
         for (const uint64_t k : keys) any |= k, all &= k;

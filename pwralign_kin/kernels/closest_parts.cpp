@@ -9,9 +9,11 @@ static std::vector<int> as_given(int64_t count) {
     return order;
 }
 
-BalledPoints::BalledPoints(const Vec *given, int64_t stride, int64_t count) : BalledPoints(given, stride, as_given(count)) {}
+BalledPoints::BalledPoints(const Vec *given, int64_t stride, int64_t count)
+    : BalledPoints(given, stride, as_given(count)) {}
 
-BalledPoints::BalledPoints(const Vec *given, int64_t stride, std::vector<int> order_of_points) : order(std::move(order_of_points)) {
+BalledPoints::BalledPoints(const Vec *given, int64_t stride, std::vector<int> order_of_points)
+    : order(std::move(order_of_points)) {
     const int64_t count = int64_t(order.size()), balls = (count + lane_count - 1) / lane_count;
     points.make_room(count), centres.make_room(balls), radii.assign(balls + lane_count, 0.f);
     points.size = count, centres.size = balls;
@@ -107,14 +109,15 @@ void offer_part(const Surface &s, int part, const RigidF &T, const SplitPoints &
     offer.settle(part, best, owner, sample);
 }
 
-void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, const uint8_t *balls, float cap,
-                float wider, float *best, int *owner, int *sample, CloseSamples &close) {
+void offer_part(const Surface &s, int part, const RigidF &T, const BalledPoints &balled, const uint8_t *balls,
+                float cap, float wider, float *best, int *owner, int *sample, CloseSamples &close) {
     constexpr float rounding = 1e-4f;
     Offer offer(s, T, balled.points, wider, close);
     for (int64_t first = 0; first < balled.centres.size; first += lane_count) {
         const FloatLanes reach = load_lanes(&balled.radii[first]) + (cap + rounding);
         const VecLanes local = apply_inverse(T, balled.centres.at(first));
-        const IntLanes near = first_lanes(int(balled.centres.size - first)) & (squared_from_box(s, local) < reach * reach);
+        const IntLanes near =
+            first_lanes(int(balled.centres.size - first)) & (squared_from_box(s, local) < reach * reach);
         if (!any_lane(near)) continue;
         for (int j = 0; j < lane_count; ++j)
             if (near[j] && (!balls || balls[first + j])) offer.look((first + j) * lane_count, best);

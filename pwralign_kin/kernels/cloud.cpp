@@ -1,8 +1,8 @@
 #include "cloud.hpp"
 #include "cells.hpp"
-#include "scan_field.hpp"
 #include "lanes.hpp"
 #include "parallel.hpp"
+#include "scan_field.hpp"
 #include <array>
 #include <numeric>
 
@@ -32,7 +32,8 @@ std::vector<Vec> voxel_means(const Vec *points, int64_t count, float cell, std::
 std::vector<int> first_of_cells(const int *cell_of_point, const std::vector<int> &order, int cells, int each) {
     std::vector<int> chosen(int64_t(cells) * each, -1), found(cells, 0);
     for (const int point : order)
-        if (int &own = found[cell_of_point[point]]; own < each) chosen[int64_t(cell_of_point[point]) * each + own++] = point;
+        if (int &own = found[cell_of_point[point]]; own < each)
+            chosen[int64_t(cell_of_point[point]) * each + own++] = point;
     chosen.erase(std::remove(chosen.begin(), chosen.end(), -1), chosen.end());
     return chosen;
 }
@@ -45,9 +46,9 @@ static std::array<double, 3> eigenvalues(const double *m) {
     const double spread = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
     const double determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
     const double cosine = std::clamp(determinant / std::max(2 * spread * spread * spread, 1e-300), -1., 1.);
-    // They are mean + 2 spread c for the roots c of 4c^3 - 3c = cosine. One lies beyond cos(30 degrees), on the cosine's side,
-    // where the slope is steep: Newton's method takes it from a parabola's guess to the last digits. The others are what it
-    // leaves of the cubic.
+    // They are mean + 2 spread c for the roots c of 4c^3 - 3c = cosine. One lies beyond cos(30 degrees), on the
+    // cosine's side, where the slope is steep: Newton's method takes it from a parabola's guess to the last digits. The
+    // others are what it leaves of the cubic.
     const double size = std::abs(cosine);
     double far = .8660254 + size * (.1640 - .0301 * size);
     for (int i = 0; i < 3; ++i) far -= ((4 * far * far - 3) * far - size) / (12 * far * far - 3);
@@ -57,7 +58,8 @@ static std::array<double, 3> eigenvalues(const double *m) {
     return {std::max(least, 0.), std::max(middle, 0.), std::max(most, 0.)};
 }
 
-// The unit eigenvector of such a matrix for its least eigenvalue: at right angles to all rows of what is left without it.
+// The unit eigenvector of such a matrix for its least eigenvalue: at right angles to all rows of what is left without
+// it.
 static Vec least_eigenvector(const double *m, double value) {
     const double rows[3][3] = {{m[0] - value, m[1], m[2]}, {m[1], m[3] - value, m[4]}, {m[2], m[4], m[5] - value}};
     double best[3] = {}, most = 0, longest = 0;
@@ -93,7 +95,8 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
             for (int64_t j = 0; j < around.points.size; j += lane_count) {
                 const VecLanes d = around.points.at(j) - points[i];
                 const IntLanes near = first_lanes(int(around.points.size - j)) & (dot(d, d) <= limit);
-                const FloatLanes v[3] = {near ? d.x : FloatLanes{}, near ? d.y : FloatLanes{}, near ? d.z : FloatLanes{}};
+                const FloatLanes v[3] = {near ? d.x : FloatLanes{}, near ? d.y : FloatLanes{},
+                                         near ? d.z : FloatLanes{}};
                 within += near ? all_lanes(1) : FloatLanes{};
                 for (int a = 0, k = 0; a < 3; ++a) {
                     sums[a] += v[a];
@@ -243,7 +246,8 @@ struct Nearest {
     void offer(int point, float at) {
         if (complete() && at >= squared.back()) return;
         int place = complete() ? found - 1 : found++;
-        for (; place > 0 && squared[place - 1] > at; --place) squared[place] = squared[place - 1], points[place] = points[place - 1];
+        for (; place > 0 && squared[place - 1] > at; --place)
+            squared[place] = squared[place - 1], points[place] = points[place - 1];
         squared[place] = at, points[place] = point;
     }
     // Look at some points, which `order` numbers (null: as they come).
@@ -261,8 +265,8 @@ struct Nearest {
     }
 };
 
-// About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, by at most
-// so many of the points.
+// About how far the k nearest of the points reach where they are dense: the lower quartile over a few queries, by at
+// most so many of the points.
 float usual_reach(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k) {
     constexpr int64_t most_points = 8000, most_queries = 16;
     const int64_t stride = (count + most_points - 1) / most_points, step = (asked + most_queries - 1) / most_queries;
@@ -303,7 +307,8 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
     for (float least_reach = 0; !left.empty() && std::isfinite(least_reach);) {
         std::vector<Vec> places;
         for (const int i : left) places.push_back(queries[i]);
-        const Cells cells(points, count, std::max(least_reach, usual_reach(points, count, places.data(), int64_t(places.size()), k)));
+        const Cells cells(points, count,
+                          std::max(least_reach, usual_reach(points, count, places.data(), int64_t(places.size()), k)));
         least_reach = 4 * cells.size;
         // Queries of one cell follow one another and share their surroundings.
         std::vector<std::pair<uint64_t, int>> order;
@@ -320,7 +325,8 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
                 if (at > b * block && order[at].first != order[at - 1].first) std::fill(known, known + 3, false);
                 for (int wide = 0; wide < 3 && (wide == 0 || !best.complete()); ++wide) {
                     if (!known[wide]) around[wide].look(cells, queries[i], 1 << wide), known[wide] = true;
-                    best.search(around[wide].points, around[wide].order.data(), queries[i], float(1 << wide) * cells.size);
+                    best.search(around[wide].points, around[wide].order.data(), queries[i],
+                                float(1 << wide) * cells.size);
                 }
                 answered[at] = best.complete();
                 for (int n = 0; n < k && best.complete(); ++n)
@@ -346,7 +352,8 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
         for (size_t s = 0; s < sizes.size(); ++s) {
             for (; k < std::min(sizes[s], near.each); ++k) {
                 const Vec p = points[near.point[q * near.each + k]];
-                const double d[3] = {double(p.x) - queries[q].x, double(p.y) - queries[q].y, double(p.z) - queries[q].z};
+                const double d[3] = {double(p.x) - queries[q].x, double(p.y) - queries[q].y,
+                                     double(p.z) - queries[q].z};
                 for (int a = 0, i = 0; a < 3; ++a) {
                     sums[a] += d[a];
                     for (int b = a; b < 3; ++b, ++i) products[i] += d[a] * d[b];
@@ -365,8 +372,7 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
     return out;
 }
 
-Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials,
-                     uint64_t seed) {
+Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials, uint64_t seed) {
     Plane best{{0, 0, 0}, 0, 0};
     if (count == 0) return best;
     const SplitPoints split(points, count, 1), split_normals(normals, count, 1);

@@ -32,8 +32,8 @@ struct Neighbours {
 Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queries, int64_t asked, int k, int threads);
 
 // Of the neighbourhoods of some of the points, each of the nearest `sizes` (ascending) with the point itself, the
-// eigenvalues (ascending) of their scatter over its degrees of freedom: a plane takes three. In the order of sizes, then
-// eigenvalues, then queries.
+// eigenvalues (ascending) of their scatter over its degrees of freedom: a plane takes three. In the order of sizes,
+// then eigenvalues, then queries.
 std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, const Vec *queries, int64_t asked,
                                             const std::vector<int> &sizes, int threads);
 

@@ -1,5 +1,5 @@
-// Eight numbers at a time, by the vector types of GCC and Clang: arithmetic and comparisons go lane by lane, a condition
-// is -1 or 0 a lane, and `condition ? a : b` chooses lane by lane.
+// Eight numbers at a time, by the vector types of GCC and Clang: arithmetic and comparisons go lane by lane, a
+// condition is -1 or 0 a lane, and `condition ? a : b` chooses lane by lane.
 #pragma once
 #include "linalg.hpp"
 
@@ -26,7 +26,9 @@ inline IntLanes load_lanes(const int *from) {
     std::memcpy(&out, from, sizeof(out));
     return out;
 }
-template <typename Lanes, typename Number> void store_lanes(Lanes lanes, Number *to) { std::memcpy(to, &lanes, sizeof(lanes)); }
+template <typename Lanes, typename Number> void store_lanes(Lanes lanes, Number *to) {
+    std::memcpy(to, &lanes, sizeof(lanes));
+}
 inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
 inline FloatLanes max_lanes(FloatLanes a, FloatLanes b) { return a > b ? a : b; }
 inline FloatLanes abs_lanes(FloatLanes a) { return max_lanes(a, -a); }
@@ -175,7 +177,8 @@ struct SplitPoints {
     SplitPoints() = default;
     SplitPoints(const Vec *points, int64_t count, int64_t stride)
         : x(count + lane_count, 0.f), y(count + lane_count, 0.f), z(count + lane_count, 0.f), size(count) {
-        for (int64_t i = 0; i < count; ++i) x[i] = points[i * stride].x, y[i] = points[i * stride].y, z[i] = points[i * stride].z;
+        for (int64_t i = 0; i < count; ++i)
+            x[i] = points[i * stride].x, y[i] = points[i * stride].y, z[i] = points[i * stride].z;
     }
     void clear() { size = 0; }
     void push(Vec p) {
@@ -194,7 +197,9 @@ struct SplitPoints {
     VecLanes at(int64_t i) const { return {load_lanes(&x[i]), load_lanes(&y[i]), load_lanes(&z[i])}; }
     // For positions that are not counted, in room made for them.
     void set(int64_t i, Vec p) { x[i] = p.x, y[i] = p.y, z[i] = p.z; }
-    void set(int64_t i, const VecLanes &p) { store_lanes(p.x, &x[i]), store_lanes(p.y, &y[i]), store_lanes(p.z, &z[i]); }
+    void set(int64_t i, const VecLanes &p) {
+        store_lanes(p.x, &x[i]), store_lanes(p.y, &y[i]), store_lanes(p.z, &z[i]);
+    }
     void make_room(int64_t more) {
         if (size + more + lane_count <= int64_t(x.size())) return;
         const size_t most = 2 * size + more + 4 * lane_count;
@@ -217,10 +222,13 @@ class OrientedRows {
         // The rows become columns: of pairs of rows, of fours, of all.
         auto four = [&](int j) {
             const FloatLanes a = row(j), b = row(j + 1), c = row(j + 2), d = row(j + 3);
-            const FloatLanes ab = PWR_SHUFFLE(a, b, 0, 8, 1, 9, 4, 12, 5, 13), cd = PWR_SHUFFLE(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
-            const FloatLanes AB = PWR_SHUFFLE(a, b, 2, 10, 3, 11, 6, 14, 7, 15), CD = PWR_SHUFFLE(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
-            return Columns{PWR_SHUFFLE(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15),
-                           PWR_SHUFFLE(AB, CD, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(AB, CD, 2, 3, 10, 11, 6, 7, 14, 15)};
+            const FloatLanes ab = PWR_SHUFFLE(a, b, 0, 8, 1, 9, 4, 12, 5, 13),
+                             cd = PWR_SHUFFLE(c, d, 0, 8, 1, 9, 4, 12, 5, 13);
+            const FloatLanes AB = PWR_SHUFFLE(a, b, 2, 10, 3, 11, 6, 14, 7, 15),
+                             CD = PWR_SHUFFLE(c, d, 2, 10, 3, 11, 6, 14, 7, 15);
+            return Columns{
+                PWR_SHUFFLE(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15),
+                PWR_SHUFFLE(AB, CD, 0, 1, 8, 9, 4, 5, 12, 13), PWR_SHUFFLE(AB, CD, 2, 3, 10, 11, 6, 7, 14, 15)};
         };
         const Columns low = four(0), high = four(4);
         auto first = [](FloatLanes a, FloatLanes b) { return PWR_SHUFFLE(a, b, 0, 1, 2, 3, 8, 9, 10, 11); };

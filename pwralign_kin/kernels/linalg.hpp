@@ -168,8 +168,8 @@ struct Normal {
     }
 };
 
-// Solve the symmetric positive definite system A x = b of size n in place; false if A is not definite. The last unknowns
-// are eliminated first: where they are joints in the order of a tree, branches that share no joint stay apart.
+// Solve the symmetric positive definite system A x = b of size n in place; false if A is not definite. The last
+// unknowns are eliminated first: where they are joints in the order of a tree, branches that share no joint stay apart.
 inline bool solve_spd(double *A, double *b, int n) {
     for (int j = n - 1; j >= 0; --j) {
         const double *row = &A[j * n];

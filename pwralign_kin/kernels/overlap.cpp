@@ -50,7 +50,8 @@ float Search::overlap(const std::vector<RigidF> &T) const {
                     const Vec at{local.x[j], local.y[j], local.z[j]};
                     const OrientedPoint &q = other.dense[sample];
                     float aside;
-                    if (other.distance_to(sample, at, aside) > depth && aside <= 0 && dot(at - q.p, q.n) < 0) within[j] = -1;
+                    if (other.distance_to(sample, at, aside) > depth && aside <= 0 && dot(at - q.p, q.n) < 0)
+                        within[j] = -1;
                 }
             }
             within &= first_lanes(count - i);

@@ -21,7 +21,9 @@ template <typename Function> void parallel_for(int64_t count, int threads, Funct
     auto work = [&](int64_t worker) {
         try {
             for (int64_t i = next++; i < count; i = next++) item(i);
-        } catch (...) { failures[worker] = std::current_exception(); }
+        } catch (...) {
+            failures[worker] = std::current_exception();
+        }
     };
     std::vector<std::thread> pool;
     pool.reserve(workers - 1);

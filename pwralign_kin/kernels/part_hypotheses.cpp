@@ -74,7 +74,8 @@ static Rigid aligning(const float *Rs, Vec scan_point, const float *Rm, Vec mode
             T.R[3 * i + j] = Rs[3 * i] * Rm[3 * j] + Rs[3 * i + 1] * Rm[3 * j + 1] + Rs[3 * i + 2] * Rm[3 * j + 2];
     const float world[3] = {scan_point.x, scan_point.y, scan_point.z};
     for (int i = 0; i < 3; ++i)
-        T.t[i] = world[i] - (T.R[3 * i] * model_point.x + T.R[3 * i + 1] * model_point.y + T.R[3 * i + 2] * model_point.z);
+        T.t[i] =
+            world[i] - (T.R[3 * i] * model_point.x + T.R[3 * i + 1] * model_point.y + T.R[3 * i + 2] * model_point.z);
     return T;
 }
 
@@ -93,7 +94,8 @@ void Search::consider(int part, const Rigid &pose, const float *point_weights, P
     const float hoped = early + most_of_sample * (s.cumulated[first] - s.cumulated[fewest]);
     if (hoped < promising * s.cumulated[first]) return;
     early += part_score(part, T, fewest, first, distance, point_weights);
-    if (early < std::max(promising, pool.bar - first_doubt) * s.cumulated[first] || !prior.reachable(part, pose)) return;
+    if (early < std::max(promising, pool.bar - first_doubt) * s.cumulated[first] || !prior.reachable(part, pose))
+        return;
     pool.add({part, pose, (early + part_score(part, T, first, last, distance, point_weights)) / s.cumulated[last]});
 }
 
@@ -114,8 +116,8 @@ std::vector<Hypothesis> Search::best_of(Pool pool, int keep, const float *point_
     return select(candidates, distinct(candidates, keep, .03f));
 }
 
-std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<int> &points, int anchors,
-                                                   uint64_t seed, int keep, const float *point_weights) const {
+std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
+                                                   int keep, const float *point_weights) const {
     constexpr int votes_of_pair = 8, partners = 12;
     const Surface &s = model.surface[part];
     const PairTable &table = s.pairs;
@@ -136,11 +138,13 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
         const OrientedPoint &p = field.points[order[a]];
         // The points are in random order: the first in range, from anywhere on, are a fair sample of them.
         int found = 0, block = int(random.below(uint32_t(blocks)));
-        for (int looked = 0; looked < blocks && found < per_anchor; ++looked, block = block + 1 < blocks ? block + 1 : 0) {
+        for (int looked = 0; looked < blocks && found < per_anchor;
+             ++looked, block = block + 1 < blocks ? block + 1 : 0) {
             const int i = block * lane_count;
             const VecLanes d = p.p - split.at(i);
             const FloatLanes squared = dot(d, d);
-            for_lanes(first_lanes(count - i) & (squared > table.shortest * table.shortest) & (squared < table.longest * table.longest),
+            for_lanes(first_lanes(count - i) & (squared > table.shortest * table.shortest) &
+                          (squared < table.longest * table.longest),
                       [&](int j) { near[found++] = order[i + j]; });
         }
         for (int b = 0; b < per_anchor && b < found; ++b) {
@@ -148,7 +152,8 @@ std::vector<Hypothesis> Search::hypotheses_of_part(int part, const std::vector<i
             float Rs[9], Rm[9];
             if (!PairTable::pair_frame(p.n, q.p - p.p, Rs)) continue;
             const int feature = table.feature(p.p, p.n, q.p, q.n);
-            const auto start = std::lower_bound(table.pairs.begin(), table.pairs.end(), PairTable::packed(feature, 0, 0));
+            const auto start =
+                std::lower_bound(table.pairs.begin(), table.pairs.end(), PairTable::packed(feature, 0, 0));
             const auto end = std::lower_bound(start, table.pairs.end(), PairTable::packed(feature + 1, 0, 0));
             const int matches = int(end - start);
             for (int v = 0; v < std::min(matches, votes_of_pair); ++v) {
@@ -183,7 +188,8 @@ std::vector<Hypothesis> Search::correspondence_hypotheses(int part, const std::v
         if (norm(model_pair) < shortest || std::abs(norm(model_pair) - norm(scan_pair)) > stretch) continue;
         if (std::abs(dot(a.source.n, b.source.n) - dot(a.target.n, b.target.n)) > bend) continue;
         float Rs[9], Rm[9];
-        if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm)) continue;
+        if (!PairTable::pair_frame(a.target.n, scan_pair, Rs) || !PairTable::pair_frame(a.source.n, model_pair, Rm))
+            continue;
         consider(part, aligning(Rs, a.target.p, Rm, a.source.p), field_weights, pool);
     }
     return best_of(std::move(pool), keep, field_weights);
@@ -194,14 +200,12 @@ const float *Search::weights_or_none(const std::vector<float> &weights) {
 }
 
 std::vector<Hypothesis> Search::part_hypotheses(const std::vector<int> &parts,
-                                                const std::vector<std::vector<int>> &points, int anchors,
-                                                uint64_t seed, int keep,
-                                                const std::vector<float> &point_weights) const {
+                                                const std::vector<std::vector<int>> &points, int anchors, uint64_t seed,
+                                                int keep, const std::vector<float> &point_weights) const {
     std::vector<std::vector<Hypothesis>> found(parts.size());
     const float *weights = weights_or_none(point_weights);
-    parallel_for(int64_t(parts.size()), options.threads, [&](int64_t i) {
-        found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, weights);
-    });
+    parallel_for(int64_t(parts.size()), options.threads,
+                 [&](int64_t i) { found[i] = hypotheses_of_part(parts[i], points[i], anchors, seed, keep, weights); });
     std::vector<Hypothesis> all;
     for (auto &f : found) all.insert(all.end(), f.begin(), f.end());
     return all;
@@ -233,7 +237,8 @@ void Search::refine_part(Hypothesis &h, int iterations, const float *point_weigh
         Normal normal;
         pulls.add_to(normal);
         normal.mirror();
-        for (int i = 0; i < 3; ++i) normal.H[7 * i] += 1e-3 * options.support_distance * options.support_distance + 1e-9;
+        for (int i = 0; i < 3; ++i)
+            normal.H[7 * i] += 1e-3 * options.support_distance * options.support_distance + 1e-9;
         for (int i = 3; i < 6; ++i) normal.H[7 * i] += 1e-3;
         if (!solve_spd(normal.H, normal.g, 6)) break;
         retract(h.T, normal.g, .3);

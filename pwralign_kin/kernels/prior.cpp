@@ -115,7 +115,8 @@ bool Bounds::hold(const Rigid &base) const {
     return true;
 }
 
-Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> values, std::vector<double> inverse_deviations)
+Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> values,
+             std::vector<double> inverse_deviations)
     : base(known), values(std::move(values)), inverse_deviations(std::move(inverse_deviations)) {
     constexpr int draws = 1000;
     // By the number of joints between part and base that can move; beyond them a turn rules nothing out.
@@ -126,7 +127,8 @@ Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> valu
     loose = base.widened(loose_distance, loose_turn);
     std::vector<int> between(model.parts, 0);
     for (int p = 0; p < model.parts; ++p) {
-        if (p > 0) between[p] = between[model.parent[p]] + (model.upper[model.actuated[p]] > model.lower[model.actuated[p]]);
+        if (p > 0)
+            between[p] = between[model.parent[p]] + (model.upper[model.actuated[p]] > model.lower[model.actuated[p]]);
         const double distance = slack_distance[std::min(between[p], last)];
         const double turn = between[p] > last ? any_turn : slack_turn[between[p]];
         wide.emplace_back(base.widened(distance / free_deviations, turn / free_deviations), free_deviations);
@@ -137,7 +139,8 @@ Prior::Prior(const Articulated &model, BasePrior known, std::vector<double> valu
     std::vector<double> drawn(model.joints);
     bases_in_part.resize(model.parts);
     for (int d = 0; d < draws; ++d) {
-        for (int j = 0; j < model.joints; ++j) drawn[j] = model.lower[j] + random.uniform() * (model.upper[j] - model.lower[j]);
+        for (int j = 0; j < model.joints; ++j)
+            drawn[j] = model.lower[j] + random.uniform() * (model.upper[j] - model.lower[j]);
         model.forward(Rigid::identity(), drawn.data(), T.data());
         for (int p = 0; p < model.parts; ++p)
             if (d == 0 || between[p] > 0) bases_in_part[p].push_back(inverse(T[p]));

@@ -38,7 +38,7 @@ struct BasePrior {
 struct Bounds {
     BasePrior known;
     double position = 0, region = 0; // squared distances
-    double turn = -1, up = -1; // cosines
+    double turn = -1, up = -1;       // cosines
     Bounds(const BasePrior &known, double deviations);
     bool hold(const Rigid &base) const;
 };

@@ -100,8 +100,8 @@ double Search::close_chain(const ReachTask &task, const Rigid &goal, const std::
     return left;
 }
 
-// The best `keep` ways to bring `task.part` to its place while its anchor stays where it is `held`, from the `values` and
-// from random ones, that leave less than `tolerance`.
+// The best `keep` ways to bring `task.part` to its place while its anchor stays where it is `held`, from the `values`
+// and from random ones, that leave less than `tolerance`.
 std::vector<Configuration> Search::closed(const ReachTask &task, const Rigid &held, const std::vector<double> &values,
                                           Random random, int starts, int keep, float tolerance) const {
     const std::vector<int> joints = joints_between(model, task.anchor, task.part);

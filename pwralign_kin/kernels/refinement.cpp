@@ -61,7 +61,8 @@ void Search::pull_to_model(const PointSample &sample, float share, const std::ve
             const int here = std::min(lane_count, first[p + 1] - i);
             int samples[lane_count] = {};
             FloatLanes distance{};
-            for (int j = 0; j < here; ++j) samples[j] = found.sample[of_part[i + j]], distance[j] = found.distance[of_part[i + j]];
+            for (int j = 0; j < here; ++j)
+                samples[j] = found.sample[of_part[i + j]], distance[j] = found.distance[of_part[i + j]];
             VecLanes place, scan_normal, foot, surface_normal;
             sample.rows.gather(&of_part[i], place, scan_normal);
             surface.dense_rows.gather(samples, foot, surface_normal);
@@ -73,11 +74,13 @@ void Search::pull_to_model(const PointSample &sample, float share, const std::ve
             const FloatLanes trusted = kernel * kernel * (doubtful + (1 - doubtful) * agreement) * share;
             const FloatLanes w = first_lanes(here) ? trusted : FloatLanes{};
             pulls.add_planes(arm, surface_normal, residual, w);
-            // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let slide.
+            // Beyond an edge of the surface the distance has a part along the surface too: edges hold what planes let
+            // slide.
             const VecLanes along = offset - residual * surface_normal;
             const FloatLanes length = sqrt_lanes(dot(along, along)), aside = length - rim;
             const IntLanes beyond = (aside > 0) & (w > 0);
-            if (any_lane(beyond)) pulls.add_planes(arm, (1 / (beyond ? length : all_lanes(1))) * along, aside, beyond ? w : FloatLanes{});
+            if (any_lane(beyond))
+                pulls.add_planes(arm, (1 / (beyond ? length : all_lanes(1))) * along, aside, beyond ? w : FloatLanes{});
         }
         if (first[p] < first[p + 1]) pulls.add_to(normal[p]);
     }
@@ -130,8 +133,8 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
         const std::vector<OrientedPoint> points(from, from + std::min(piece, count - b * piece));
         std::vector<int> order(points.size());
         std::iota(order.begin(), order.end(), 0);
-        pull_to_model({points, std::move(order)}, 1.f / count, T, sigma, cap,
-                      seen ? &*seen : nullptr, own, &counted[b * n], true);
+        pull_to_model({points, std::move(order)}, 1.f / count, T, sigma, cap, seen ? &*seen : nullptr, own,
+                      &counted[b * n], true);
         std::copy(own.begin(), own.end(), partial.begin() + b * n);
     });
     counts.assign(n, 0);
@@ -145,8 +148,8 @@ std::vector<Normal> Search::normal_equations(const std::vector<OrientedPoint> &s
 // Gauss-Newton with a Geman-McClure kernel whose scale shrinks geometrically. Scan points pull the nearest part, model
 // samples are pulled by the scan. Per part the residuals are reduced to twist space; the joints enter by composite
 // normal equations (`Articulated::compose`).
-void Search::refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first, float sigma_last,
-                        float support_weight, const float *part_weights) const {
+void Search::refine_one(Configuration &c, const PointSample &sampled, int iterations, float sigma_first,
+                        float sigma_last, float support_weight, const float *part_weights) const {
     const int n = model.parts, joints = model.joints, size = 6 + joints;
     std::vector<Rigid> T(n);
     std::vector<Normal> normal(n);
@@ -156,7 +159,8 @@ void Search::refine_one(Configuration &c, const PointSample &sampled, int iterat
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress);
         model.forward(c.base, c.values.data(), T.data());
         std::fill(normal.begin(), normal.end(), Normal());
-        pull_to_model(sampled, 1.f / sampled.points.size(), T, sigma, 3 * sigma + .005f, nullptr, normal, nullptr, false);
+        pull_to_model(sampled, 1.f / sampled.points.size(), T, sigma, 3 * sigma + .005f, nullptr, normal, nullptr,
+                      false);
         if (support_weight > 0) pull_to_scan(T, sigma, support_weight, part_weights, normal);
         for (Normal &part : normal) part.mirror();
         model.joint_twists(T.data(), T[0].t, twists.data());

@@ -12,13 +12,15 @@ static uint32_t spread_bits(uint32_t v) {
     return (v | v << 2) & 0x09249249;
 }
 
-// The curve orders points by interleaved bits of their coordinates (G. M. Morton, 1966), in cells of 1/1024 of `extent`.
+// The curve orders points by interleaved bits of their coordinates (G. M. Morton, 1966), in cells of 1/1024 of
+// `extent`.
 std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, Vec low, float extent) {
     const float scale = 1023 / std::max(extent, 1e-6f);
     std::vector<uint64_t> keys(count);
     for (int64_t i = 0; i < count; ++i) {
         const Vec p = scale * (points[i * stride] - low);
-        const uint64_t key = 4 * spread_bits(uint32_t(p.x)) + 2 * spread_bits(uint32_t(p.y)) + spread_bits(uint32_t(p.z));
+        const uint64_t key =
+            4 * spread_bits(uint32_t(p.x)) + 2 * spread_bits(uint32_t(p.y)) + spread_bits(uint32_t(p.z));
         keys[i] = key << 32 | uint64_t(i);
     }
     std::sort(keys.begin(), keys.end());
@@ -31,8 +33,9 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
                      std::vector<float> areas, std::vector<int> regions_of_points, float cell, float truncation,
                      const Vec *sensor_origin, const std::vector<Vec> &depth_points, const std::vector<Vec> &borders,
                      float pixel, float tolerance, float shadow, float unreturned, int threads)
-    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)), unreturned(sensor_origin ? unreturned : 1.f), has_origin(sensor_origin != nullptr), sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell),
-      inverse(1.f / cell) {
+    : weight(std::move(weights)), area(std::move(areas)), region(std::move(regions_of_points)),
+      unreturned(sensor_origin ? unreturned : 1.f), has_origin(sensor_origin != nullptr),
+      sensor(sensor_origin ? *sensor_origin : Vec{0, 0, 0}), cell(cell), inverse(1.f / cell) {
     Vec low{1e30f, 1e30f, 1e30f}, high{-1e30f, -1e30f, -1e30f};
     auto include = [&](Vec p) {
         low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
@@ -53,7 +56,8 @@ ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::
     nx = int(std::ceil((high.x + margin - origin.x) * inverse)) + 1;
     ny = int(std::ceil((high.y + margin - origin.y) * inverse)) + 1;
     nz = int(std::ceil((high.z + margin - origin.z) * inverse)) + 1;
-    curve = along_curve(&points[0].p, 2, int64_t(points.size()), low, std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
+    curve = along_curve(&points[0].p, 2, int64_t(points.size()), low,
+                        std::max({high.x - low.x, high.y - low.y, high.z - low.z}));
     splat(truncation, threads);
     if (!has_origin) return;
     // Of what lies out of the picture a whole scene tells nothing: it is as if it were hidden right at the sensor.
@@ -69,7 +73,8 @@ const FloatLanes centres{.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f};
 
 // Every layer of cells along x is filled on its own, by all points in order: a cell keeps the first of those nearest.
 void ScanField::splat(float truncation, int threads) {
-    if (int64_t(nx) * ny * nz >= std::numeric_limits<int>::max()) throw std::invalid_argument("the points are too far apart for cells so small");
+    if (int64_t(nx) * ny * nz >= std::numeric_limits<int>::max())
+        throw std::invalid_argument("the points are too far apart for cells so small");
     outside = nx * ny * nz;
     cells.assign(size_t(outside) + 1, nothing);
     cells[outside] |= DepthImage::silent;
@@ -147,7 +152,8 @@ DepthImage::DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, 
     };
     float half_width = 0, half_height = 0, u, v, z;
     for (const Vec &p : points)
-        if (project(p, u, v, z)) half_width = std::max(half_width, std::abs(u)), half_height = std::max(half_height, std::abs(v));
+        if (project(p, u, v, z))
+            half_width = std::max(half_width, std::abs(u)), half_height = std::max(half_height, std::abs(v));
     // Beyond two image widths a return says nothing about the object any more.
     const float widest = 4096;
     half_width = std::min(half_width, widest), half_height = std::min(half_height, widest);
@@ -178,8 +184,8 @@ void ScanField::mark_unseen(const DepthImage &image, int threads) {
             for (int k = 0; k < nz; k += lane_count) {
                 const FloatLanes along = (centres + float(k)) * cell;
                 const IntLanes state = image.states(dot(start, image.forward) + along * image.forward.z,
-                                                   dot(start, image.right) + along * image.right.z,
-                                                   dot(start, image.down) + along * image.down.z, first_lanes(nz - k));
+                                                    dot(start, image.right) + along * image.right.z,
+                                                    dot(start, image.down) + along * image.down.z, first_lanes(nz - k));
                 // One by one at the end of the row: what follows may be another thread's.
                 if (k + lane_count <= nz) store_lanes(load_lanes(&row[k]) | state, &row[k]);
                 else

@@ -1,4 +1,5 @@
-// The scan as a field: nearest oriented point around its surface, free and occluded space where a sensor origin is known.
+// The scan as a field: nearest oriented point around its surface, free and occluded space where a sensor origin is
+// known.
 #pragma once
 #include "lanes.hpp"
 #include <memory>
@@ -9,8 +10,8 @@ struct OrientedPoint {
     Vec p, n;
 };
 
-// The order of some points along a space-filling curve, which keeps neighbours next to each other; their box begins at `low`
-// and is nowhere wider than `extent`.
+// The order of some points along a space-filling curve, which keeps neighbours next to each other; their box begins at
+// `low` and is nowhere wider than `extent`.
 std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, Vec low, float extent);
 
 // What a sensor saw, as an image of depths.
@@ -18,16 +19,17 @@ class DepthImage {
   public:
     static constexpr int free = 0, silent = 1, occluded = 2; // states of positions; silent: no ray came back
 
-    // The image of `points` from the `sensor` towards them; its pixels are as wide as `pixel` at their mean range. What is
-    // out of the picture of a whole scene is occluded, for it tells nothing of that; else silent. Occluded is also what is
-    // beyond one of the `borders` of the picture: planes through the sensor, by their normals.
+    // The image of `points` from the `sensor` towards them; its pixels are as wide as `pixel` at their mean range. What
+    // is out of the picture of a whole scene is occluded, for it tells nothing of that; else silent. Occluded is also
+    // what is beyond one of the `borders` of the picture: planes through the sensor, by their normals.
     DepthImage(const std::vector<Vec> &points, Vec sensor, float pixel, float tolerance, bool whole_scene,
                const std::vector<Vec> &borders);
 
     // States of positions at some `range` from the sensor in the direction `forward`, and so far to the right and down;
     // not `inside` are those that do not matter.
     IntLanes states(FloatLanes range, FloatLanes rightward, FloatLanes downward, IntLanes inside) const {
-        const FloatLanes scale = focal / range, x = scale * rightward + width * .5f, y = scale * downward + height * .5f;
+        const FloatLanes scale = focal / range, x = scale * rightward + width * .5f,
+                         y = scale * downward + height * .5f;
         inside = inside & (range > 1e-6f) & (x >= 0) & (y >= 0) & (x < float(width)) & (y < float(height));
         const IntLanes pixels = __builtin_convertvector(y, IntLanes) * width + __builtin_convertvector(x, IntLanes);
         int pixel[lane_count];
@@ -57,8 +59,8 @@ class ScanField {
     // Points and unit normals; cells of size `cell` hold the nearest point within `truncation`. With a sensor origin,
     // `depth_points` (the full-resolution cloud) decide which cells are occluded: those behind a return by more than
     // `tolerance`, out to `shadow` behind the surface. Cells before and behind nothing, where no ray came back, are
-    // known to be free only to the extent of `unreturned`, in [0, 1], and not at all beyond one of the `borders` of what
-    // the sensor looked at: planes through it, by their outward normals. Without an origin nothing is told apart.
+    // known to be free only to the extent of `unreturned`, in [0, 1], and not at all beyond one of the `borders` of
+    // what the sensor looked at: planes through it, by their outward normals. Without an origin nothing is told apart.
     // `weights`, `areas` and `regions` are described at the members.
     ScanField(std::vector<Vec> points, std::vector<Vec> normals, std::vector<float> weights, std::vector<float> areas,
               std::vector<int> regions, float cell, float truncation, const Vec *sensor_origin,
@@ -104,7 +106,8 @@ class ScanField {
     void mark_unseen(const DepthImage &image, int threads);
     IntLanes states_beyond(const VecLanes &p) const {
         const VecLanes d = p - sensor;
-        return beyond->states(dot(beyond->forward, d), dot(beyond->right, d), dot(beyond->down, d), first_lanes(lane_count));
+        return beyond->states(dot(beyond->forward, d), dot(beyond->right, d), dot(beyond->down, d),
+                              first_lanes(lane_count));
     }
 
     static constexpr int nothing = -4;        // code of a cell that no point is near to, but for its state

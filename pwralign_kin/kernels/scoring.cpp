@@ -12,13 +12,17 @@ constexpr float grazing = .15f;       // cosine between normal and view below wh
 
 } // namespace
 
-Nearest::Nearest(int64_t count, float cap) : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
+Nearest::Nearest(int64_t count, float cap)
+    : cap(cap), distance(count + lane_count, cap), part(count, -1), sample(count, -1) {}
 
-void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to, const uint8_t *balls) const {
+void Search::offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to,
+                   const uint8_t *balls) const {
     thread_local CloseSamples close;
     for (int p = 0; p < model.parts; ++p)
         if (mask[p])
-            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap, to.loosely ? model.surface[p].cell_slack : 0, to.distance.data(), to.part.data(), to.sample.data(), close);
+            offer_part(model.surface[p], p, to_float(T[p]), points, balls, to.cap,
+                       to.loosely ? model.surface[p].cell_slack : 0, to.distance.data(), to.part.data(),
+                       to.sample.data(), close);
 }
 
 Assignment Search::assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const {
@@ -43,8 +47,8 @@ Assignment Search::owners(const Rigid *T, const uint8_t *mask, float cap) const 
     return a;
 }
 
-void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
-                       bool loosely, float *out) const {
+void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask,
+                       float cap, bool loosely, float *out) const {
     const size_t asked = points.order.size();
     parallel_for(count, options.threads, [&](int64_t c) {
         Nearest found(int64_t(asked), cap);
@@ -55,17 +59,20 @@ void Search::distances(const BalledPoints &points, const std::vector<Rigid> &T, 
 }
 
 // Share of the scan points that the model explains, each by its distance and the agreement of its normal.
-float Search::coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T, float distance) const {
+float Search::coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T,
+                       float distance) const {
     // Looked up in the order of the neighbourhood, for the memory's sake, and added in that of the sample.
     const std::vector<int> &order = sample.balled.order;
     std::vector<float> gained(order.size());
     for (size_t at = 0; at < order.size(); ++at)
-        gained[order[at]] = gain(shuffled[order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], T, distance);
+        gained[order[at]] =
+            gain(shuffled[order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], T, distance);
     return std::accumulate(gained.begin(), gained.end(), 0.f) / sample.weight;
 }
 
 // What a scan point adds to coverage, by the part and the sample nearest to it (-1: none) and their distance.
-float Search::gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const {
+float Search::gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T,
+                   float distance) const {
     const float weight = field.weight[point] * field.area[point], lost = options.normal_penalty;
     if (part < 0) return 0;
     if (from_part >= distance) return field.region[point] >= 0 ? -options.near_penalty * weight : 0.f;
@@ -122,7 +129,8 @@ Search::Sight Search::in_sight(const std::vector<Rigid> &T, float distance, floa
         FloatLanes shown{}, near{}, confirmed{};
         for_samples(field, s, F, 0, count, [&](const SampleLanes &at) {
             const VecLanes view = field.sensor - at.place;
-            const IntLanes faces = (at.seen > 0) & (at.seen * at.seen > grazing * grazing * dot(view, view)) & (at.free > 0);
+            const IntLanes faces =
+                (at.seen > 0) & (at.seen * at.seen > grazing * grazing * dot(view, view)) & (at.free > 0);
             const FloatLanes w = !field.has_origin ? at.w : faces ? at.w : FloatLanes{};
             shown += w;
             near += at.squared < limit ? w : FloatLanes{};
@@ -141,14 +149,16 @@ void Search::update_support(const std::vector<int> &owner, const std::vector<Rig
                             const uint8_t *mask, float *support) const {
     const float distance = 1.2f * coverage_distance;
     for (int p = 0; p < model.parts; ++p)
-        if (mask[p]) support[p] = field.has_origin ? violation(p, T[p], distance) : exclusive_support(p, T[p], owner, distance);
+        if (mask[p])
+            support[p] = field.has_origin ? violation(p, T[p], distance) : exclusive_support(p, T[p], owner, distance);
 }
 
 float Search::total_score(float covered, const float *support) const {
     float total = 0;
     for (int p = 0; p < model.parts; ++p)
         if (model.surface[p].exists)
-            total += model.surface[p].weight * (field.has_origin ? support[p] : std::max(support[p], options.absent_floor));
+            total +=
+                model.surface[p].weight * (field.has_origin ? support[p] : std::max(support[p], options.absent_floor));
     return covered * options.coverage_scale + (options.two_way ? options.support_weight * total : 0.f);
 }
 
@@ -157,7 +167,8 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
     const int n = model.parts;
     const size_t m = configurations.size();
     const PointSample &sampled = sample_of_points(points);
-    std::vector<Scores> scores(coverage_distances.size(), Scores{std::vector<float>(m), std::vector<float>(m), std::vector<float>(m * n, 0.f)});
+    std::vector<Scores> scores(coverage_distances.size(),
+                               Scores{std::vector<float>(m), std::vector<float>(m), std::vector<float>(m * n, 0.f)});
     std::vector<uint8_t> mask(n);
     for (int p = 0; p < n; ++p) mask[p] = model.surface[p].exists;
     parallel_for(int64_t(m), options.threads, [&](int64_t c) {
@@ -168,7 +179,8 @@ std::vector<Scores> Search::score(const std::vector<Configuration> &configuratio
         Nearest nearest(int64_t(sampled.points.size()), options.band);
         offer(sampled.balled, T.data(), mask.data(), nearest);
         std::vector<int> owner(field.points.size(), -1);
-        for (size_t at = 0; at < nearest.part.size(); ++at) owner[shuffled[sampled.balled.order[at]]] = nearest.part[at];
+        for (size_t at = 0; at < nearest.part.size(); ++at)
+            owner[shuffled[sampled.balled.order[at]]] = nearest.part[at];
         const float against = cost(configurations[c], F);
         for (size_t d = 0; d < scores.size(); ++d) {
             float *support = &scores[d].support[c * n];
@@ -197,12 +209,15 @@ const PointSample &Search::sample_of_points(int most) const {
 }
 
 float Search::gain_at(const BalledPoints &points, int at, const Nearest &nearest, const std::vector<RigidF> &F) const {
-    return gain(shuffled[points.order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], F, options.coverage_distance);
+    return gain(shuffled[points.order[at]], nearest.part[at], nearest.sample[at], nearest.distance[at], F,
+                options.coverage_distance);
 }
 
-Search::Look Search::look_at(const Configuration &c, const PointSample &sample, const std::vector<uint8_t> &parts) const {
+Search::Look Search::look_at(const Configuration &c, const PointSample &sample,
+                             const std::vector<uint8_t> &parts) const {
     const int count = int(sample.points.size());
-    Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1), std::vector<float>(model.parts, 0.f), std::vector<float>(count)};
+    Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1),
+              std::vector<float>(model.parts, 0.f), std::vector<float>(count)};
     std::vector<Rigid> T(model.parts);
     std::vector<RigidF> F;
     model.forward(c.base, c.values.data(), T.data());
@@ -225,9 +240,8 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
     for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
     const PointSample *samples[] = {&sample_of_points(few_points), &sample_of_points(most_points)};
     std::vector<Look> looks(2 * from.size());
-    parallel_for(int64_t(looks.size()), options.threads, [&](int64_t i) {
-        looks[i] = look_at(from[i / 2], *samples[i % 2], all_parts);
-    });
+    parallel_for(int64_t(looks.size()), options.threads,
+                 [&](int64_t i) { looks[i] = look_at(from[i / 2], *samples[i % 2], all_parts); });
     std::vector<std::vector<Configuration>> found(tasks.size());
     parallel_for(int64_t(tasks.size()), options.threads, [&](int64_t t) {
         const SweepTask &task = tasks[t];
@@ -317,7 +331,8 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                     }
                 update_support(owner, F, options.coverage_distance, moves.data(), support.data());
                 for (const int at : changed) owner_at(at) = before.part[at];
-                tried[v].score = row[v] = total_score((still + gained) / samples[many]->weight, support.data()) - cost(tried[v], F);
+                tried[v].score = row[v] =
+                    total_score((still + gained) / samples[many]->weight, support.data()) - cost(tried[v], F);
             }
             modes = best_modes(row, many ? keep : 3 * keep, first, second);
         }

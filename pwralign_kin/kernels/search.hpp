@@ -13,27 +13,27 @@ namespace pwr {
 
 struct SearchOptions {
     // Scales, in units of the model's diagonal.
-    float support_distance = .035f;  // a sample nearer to the scan is supported
-    float coverage_distance = .03f;  // a scan point nearer to the model is covered
-    float band = .06f;               // distances beyond it are all the same
+    float support_distance = .035f; // a sample nearer to the scan is supported
+    float coverage_distance = .03f; // a scan point nearer to the model is covered
+    float band = .06f;              // distances beyond it are all the same
     // Evidence.
-    float free_penalty = .35f;       // of a sample in free space
-    float occluded_penalty = .05f;   // of a sample in occluded space
-    float mismatch_penalty = .7f;    // share of the penalty for a visible sample on scan of another orientation
-    float normal_penalty = .4f;      // of a covered point whose normal is at right angles to the model's
-    float near_penalty = 0;          // of a point near the model that it does not cover
-    float contested_penalty = .5f;   // share of the free penalty for a sample that another part explains
-    float support_weight = .6f;      // of model support against scan coverage
-    float absent_floor = .15f;       // least support of a part, full scans
-    bool solid = false;              // whether parts that are not joined may not be inside each other
-    float overlap_penalty = 1.f;     // ... of all surface that is
-    float coverage_scale = 1.f;      // number of scan points over the number that the model is expected to yield
-    bool two_way = true;             // whether support counts at all
+    float free_penalty = .35f;     // of a sample in free space
+    float occluded_penalty = .05f; // of a sample in occluded space
+    float mismatch_penalty = .7f;  // share of the penalty for a visible sample on scan of another orientation
+    float normal_penalty = .4f;    // of a covered point whose normal is at right angles to the model's
+    float near_penalty = 0;        // of a point near the model that it does not cover
+    float contested_penalty = .5f; // share of the free penalty for a sample that another part explains
+    float support_weight = .6f;    // of model support against scan coverage
+    float absent_floor = .15f;     // least support of a part, full scans
+    bool solid = false;            // whether parts that are not joined may not be inside each other
+    float overlap_penalty = 1.f;   // ... of all surface that is
+    float coverage_scale = 1.f;    // number of scan points over the number that the model is expected to yield
+    bool two_way = true;           // whether support counts at all
     // Growth.
     float angle_step = .1047198f;
     int beam = 24, modes = 10, branch_beam = 3;
     int sweep_samples = 48;
-    float explained_weight = .3f;    // weight of points that fixed parts explain already
+    float explained_weight = .3f; // weight of points that fixed parts explain already
     int threads = 1;
 };
 
@@ -83,7 +83,7 @@ struct PointSample {
 // What is nearest to each of some balled points so far.
 struct Nearest {
     float cap;
-    std::vector<float> distance; // with `lane_count` more behind them
+    std::vector<float> distance;   // with `lane_count` more behind them
     std::vector<int> part, sample; // -1 beyond the cap
     bool loosely = false; // points that may be off the closest sample by the size of a cell are not beyond an edge
 
@@ -118,7 +118,8 @@ constexpr float lowest_score = -1e9f;
 // The best `modes` of a row of scores, of those above `least`, ...
 std::vector<int> best_modes(std::vector<float> row, int modes, GridAxis axis, float least = lowest_score);
 // ... and of a grid of them, the second axis running fastest.
-std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second, float least = lowest_score);
+std::vector<int> best_modes(std::vector<float> grid, int modes, GridAxis first, GridAxis second,
+                            float least = lowest_score);
 
 class Search {
   public:
@@ -150,12 +151,12 @@ class Search {
     // `keep` of each task that leave less than `tolerance`.
     std::vector<Configuration> reach(const std::vector<Configuration> &from, const std::vector<ReachTask> &tasks,
                                      uint64_t seed, int starts, int keep, float tolerance) const;
-    // Sweep one actuated joint of whole configurations, or two together in steps twice as long; the best `keep` modes of
-    // each task by the two-way score.
+    // Sweep one actuated joint of whole configurations, or two together in steps twice as long; the best `keep` modes
+    // of each task by the two-way score.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
                                      int keep) const;
-    // Two-way scores of whole configurations on a fair sample of at most `points` scan points, one set a distance within
-    // which points are covered.
+    // Two-way scores of whole configurations on a fair sample of at most `points` scan points, one set a distance
+    // within which points are covered.
     std::vector<Scores> score(const std::vector<Configuration> &configurations, int points,
                               const std::vector<float> &coverage_distances) const;
     // Gauss-Newton over base and values, robust scale from `sigma_first` to `sigma_last`.
@@ -176,11 +177,12 @@ class Search {
     Assignment assign(const BalledPoints &points, const Rigid *T, const uint8_t *mask, float cap) const;
     // The same of all scan points.
     Assignment owners(const Rigid *T, const uint8_t *mask, float cap) const;
-    // Distances of points (at most `cap`) from the nearest of the parts in `mask`, one row of `out` for each of `count` sets
-    // of placements. `loosely`: see Nearest.
-    void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask, float cap,
-                   bool loosely, float *out) const;
-    // Offer the parts in `mask` to points, in the order of their neighbourhood; to those of some `balls` only (null: all).
+    // Distances of points (at most `cap`) from the nearest of the parts in `mask`, one row of `out` for each of `count`
+    // sets of placements. `loosely`: see Nearest.
+    void distances(const BalledPoints &points, const std::vector<Rigid> &T, int64_t count, const uint8_t *mask,
+                   float cap, bool loosely, float *out) const;
+    // Offer the parts in `mask` to points, in the order of their neighbourhood; to those of some `balls` only (null:
+    // all).
     void offer(const BalledPoints &points, const Rigid *T, const uint8_t *mask, Nearest &to,
                const uint8_t *balls = nullptr) const;
 
@@ -221,13 +223,12 @@ class Search {
     // What a sample of the points tells of a configuration as it is, for all that stands still while a joint moves.
     struct Look {
         Nearest nearest;
-        std::vector<int> owner; // of each scan point
+        std::vector<int> owner;            // of each scan point
         std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
     };
     // The weights of scan points, null where all are 1: that need not be looked up.
     static const float *weights_or_none(const std::vector<float> &weights);
-    float part_score(int part, const RigidF &T, int first, int last, float distance,
-                     const float *point_weights) const;
+    float part_score(int part, const RigidF &T, int first, int last, float distance, const float *point_weights) const;
     std::vector<Hypothesis> hypotheses_of_part(int part, const std::vector<int> &points, int anchors, uint64_t seed,
                                                int keep, const float *point_weights) const;
     void consider(int part, const Rigid &pose, const float *point_weights, Pool &pool) const;
@@ -254,7 +255,8 @@ class Search {
     float surface_beyond(int node, int previous, const float *part_weights) const;
     float exclusive_support(int part, const RigidF &T, const std::vector<int> &owner, float distance) const;
     float violation(int part, const RigidF &T, float distance) const;
-    float coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T, float distance) const;
+    float coverage(const PointSample &sample, const Nearest &nearest, const std::vector<RigidF> &T,
+                   float distance) const;
     float gain(int point, int part, int sample, float from_part, const std::vector<RigidF> &T, float distance) const;
     void update_support(const std::vector<int> &owner, const std::vector<RigidF> &T, float coverage_distance,
                         const uint8_t *mask, float *support) const;
@@ -277,7 +279,7 @@ class Search {
     std::vector<Sweep> sweeps;
     std::vector<uint8_t> joined; // (parts, parts)
     int support_samples;         // of each part that tell its support
-    const float *field_weights; // as of `weights_or_none`
+    const float *field_weights;  // as of `weights_or_none`
     float most_trust = 0;        // largest weight of a scan point
     // Scan points in a fixed random order, so that prefixes are fair samples; those of no region come last.
     std::vector<int> shuffled, rank; // rank: the place of each point in it

@@ -17,17 +17,19 @@ class SeenSurface {
 
   private:
     struct Pixel {
-        float front = 1e30f;   // depth of what is foremost here or in a neighbouring pixel
-        float off = 1e30f;     // squared distance, in pixels, of the seen sample from the pixel's middle
+        float front = 1e30f; // depth of what is foremost here or in a neighbouring pixel
+        float off = 1e30f;   // squared distance, in pixels, of the seen sample from the pixel's middle
         Place place{-1, -1};
-        float u = 0, v = 0;    // of the seen sample, pixels
+        float u = 0, v = 0; // of the seen sample, pixels
     };
     struct Projected {
         float u, v, depth;
     };
     Projected project(Vec p) const;
     // Pixels at the rim stay empty, so that every other one has eight neighbours.
-    bool inside(Projected at) const { return at.depth > 0 && at.u >= 1 && at.v >= 1 && at.u < width - 1 && at.v < height - 1; }
+    bool inside(Projected at) const {
+        return at.depth > 0 && at.u >= 1 && at.v >= 1 && at.u < width - 1 && at.v < height - 1;
+    }
     int pixel_at(Projected at) const { return int(at.v) * width + int(at.u); }
 
     Vec sensor, right, down, forward;

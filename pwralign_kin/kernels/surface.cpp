@@ -64,23 +64,23 @@ std::vector<uint16_t> closest_sample_grid(const Vec *samples, int64_t count, Vec
                 for (int c = std::max(0, k - 1); c <= std::min(nz - 1, k + 1); ++c) offer(a, b, c, uint16_t(s));
     }
     // A forward and a backward sweep over the causal half of the 26 neighbours.
-        for (int direction = 1; direction >= -1; direction -= 2) {
-            const int i0 = direction > 0 ? 0 : nx - 1, j0 = direction > 0 ? 0 : ny - 1, k0 = direction > 0 ? 0 : nz - 1;
-            for (int i = i0; i >= 0 && i < nx; i += direction)
-                for (int j = j0; j >= 0 && j < ny; j += direction) {
-                    for (int k = k0; k >= 0 && k < nz; k += direction)
-                        for (int a = -1; a <= 0; ++a)
-                            for (int b = -1; b <= (a < 0 ? 1 : 0); ++b)
-                                for (int c = -1; c <= (a < 0 || b < 0 ? 1 : -1); ++c) {
-                                    const int x = i + direction * a, y = j + direction * b, z = k + direction * c;
-                                    if (x < 0 || y < 0 || z < 0 || x >= nx || y >= ny || z >= nz) continue;
-                                    offer(i, j, k, grid[(int64_t(x) * ny + y) * nz + z]);
-                                }
-                    for (int k = nz - 1 - k0; k >= 0 && k < nz; k -= direction)
-                        if (k + direction >= 0 && k + direction < nz)
-                            offer(i, j, k, grid[(int64_t(i) * ny + j) * nz + k + direction]);
-                }
-        }
+    for (int direction = 1; direction >= -1; direction -= 2) {
+        const int i0 = direction > 0 ? 0 : nx - 1, j0 = direction > 0 ? 0 : ny - 1, k0 = direction > 0 ? 0 : nz - 1;
+        for (int i = i0; i >= 0 && i < nx; i += direction)
+            for (int j = j0; j >= 0 && j < ny; j += direction) {
+                for (int k = k0; k >= 0 && k < nz; k += direction)
+                    for (int a = -1; a <= 0; ++a)
+                        for (int b = -1; b <= (a < 0 ? 1 : 0); ++b)
+                            for (int c = -1; c <= (a < 0 || b < 0 ? 1 : -1); ++c) {
+                                const int x = i + direction * a, y = j + direction * b, z = k + direction * c;
+                                if (x < 0 || y < 0 || z < 0 || x >= nx || y >= ny || z >= nz) continue;
+                                offer(i, j, k, grid[(int64_t(x) * ny + y) * nz + z]);
+                            }
+                for (int k = nz - 1 - k0; k >= 0 && k < nz; k -= direction)
+                    if (k + direction >= 0 && k + direction < nz)
+                        offer(i, j, k, grid[(int64_t(i) * ny + j) * nz + k + direction]);
+            }
+    }
     const float limit = band * band;
     for (size_t at = 0; at < grid.size(); ++at)
         if (squared[at] > limit) grid[at] = none;

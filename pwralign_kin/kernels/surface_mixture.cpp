@@ -10,7 +10,7 @@ constexpr float reach_sigmas = 3.6f; // patches farther from a point than this s
 
 // 2^x of eight numbers from -126 to 0, to a relative error below 3e-6 (minimax polynomial of the fraction).
 FloatLanes power_of_two(FloatLanes x) {
-    const IntLanes whole = __builtin_convertvector(x - .5f, IntLanes); // truncated: x - .5 is negative
+    const IntLanes whole = __builtin_convertvector(x - .5f, IntLanes);   // truncated: x - .5 is negative
     const FloatLanes f = x - __builtin_convertvector(whole, FloatLanes); // in [-.5, .5]
     FloatLanes p = f * .00133335581f + .00961812911f;
     p = p * f + .0555041087f, p = p * f + .240226507f, p = p * f + .693147181f, p = p * f + 1.f;
@@ -25,7 +25,8 @@ float invert(const float *a, float *m) {
     const float c0 = a[3] * a[5] - a[4] * a[4], c1 = a[2] * a[4] - a[1] * a[5], c2 = a[1] * a[4] - a[2] * a[3];
     const float determinant = a[0] * c0 + a[1] * c1 + a[2] * c2, s = 1 / determinant;
     m[0] = s * c0, m[1] = s * c1, m[2] = s * c2;
-    m[3] = s * (a[0] * a[5] - a[2] * a[2]), m[4] = s * (a[1] * a[2] - a[0] * a[4]), m[5] = s * (a[0] * a[3] - a[1] * a[1]);
+    m[3] = s * (a[0] * a[5] - a[2] * a[2]), m[4] = s * (a[1] * a[2] - a[0] * a[4]),
+    m[5] = s * (a[0] * a[3] - a[1] * a[1]);
     return determinant;
 }
 
@@ -34,10 +35,12 @@ void turn(const float *R, const float *m, float *out) {
     const float full[9] = {m[0], m[1], m[2], m[1], m[3], m[4], m[2], m[4], m[5]};
     float half[9];
     for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) half[3 * i + j] = R[3 * i] * full[j] + R[3 * i + 1] * full[3 + j] + R[3 * i + 2] * full[6 + j];
+        for (int j = 0; j < 3; ++j)
+            half[3 * i + j] = R[3 * i] * full[j] + R[3 * i + 1] * full[3 + j] + R[3 * i + 2] * full[6 + j];
     int at = 0;
     for (int i = 0; i < 3; ++i)
-        for (int j = i; j < 3; ++j) out[at++] = half[3 * i] * R[3 * j] + half[3 * i + 1] * R[3 * j + 1] + half[3 * i + 2] * R[3 * j + 2];
+        for (int j = i; j < 3; ++j)
+            out[at++] = half[3 * i] * R[3 * j] + half[3 * i + 1] * R[3 * j + 1] + half[3 * i + 2] * R[3 * j + 2];
 }
 
 // Which of six ways a normal faces.
@@ -71,7 +74,8 @@ SurfaceMixture::SurfaceMixture(const Articulated &model, float spacing) : model(
     for (int p = 0; p < model.parts; ++p) {
         const Surface &s = model.surface[p];
         if (!s.exists) continue;
-        const float each = s.area / s.dense.size(), disc = each / (4 * float(M_PI)); // variance along a disc of that area
+        const float each = s.area / s.dense.size(),
+                    disc = each / (4 * float(M_PI)); // variance along a disc of that area
         // Samples that face different ways are kept apart by moving them to places far from each other.
         std::vector<Vec> apart;
         for (const OrientedPoint &d : s.dense) apart.push_back(d.p + Vec{2 * s.size * facing(d.n), 0, 0});
@@ -91,8 +95,12 @@ SurfaceMixture::SurfaceMixture(const Articulated &model, float spacing) : model(
                 }
                 normal = normal + d.n, ++n;
             }
-            Patch patch{p, float(n) * each, 0, first + Vec{float(sum[0] / n), float(sum[1] / n), float(sum[2] / n)},
-                        (1 / std::max(norm(normal), 1e-6f)) * normal, {}};
+            Patch patch{p,
+                        float(n) * each,
+                        0,
+                        first + Vec{float(sum[0] / n), float(sum[1] / n), float(sum[2] / n)},
+                        (1 / std::max(norm(normal), 1e-6f)) * normal,
+                        {}};
             for (int i = 0, at = 0; i < 3; ++i)
                 for (int j = i; j < 3; ++j, ++at)
                     patch.covariance[at] = float(squares[at] / n - sum[i] * sum[j] / (n * n) + disc * flat[at] / n);
@@ -119,7 +127,8 @@ void SurfaceMixture::look(const std::vector<Rigid> &T, const std::vector<Vec> &d
         // Pixels as wide as patches: with their neighbours they leave no gap that shows what is behind.
         float low_u = 1e30f, low_v = 1e30f, high_u = -1e30f, high_v = -1e30f;
         for (size_t j = 0; j < place.size(); ++j) {
-            u[j] = dot(place[j], right) / spacing, v[j] = dot(place[j], down) / spacing, depth[j] = -dot(place[j], towards);
+            u[j] = dot(place[j], right) / spacing, v[j] = dot(place[j], down) / spacing,
+            depth[j] = -dot(place[j], towards);
             low_u = std::min(low_u, u[j]), high_u = std::max(high_u, u[j]);
             low_v = std::min(low_v, v[j]), high_v = std::max(high_v, v[j]);
         }
@@ -149,8 +158,8 @@ void SurfaceMixture::look(const std::vector<Rigid> &T, const std::vector<Vec> &d
         patches[j].weight = float((1 - unseen) * seen[j] / all_seen + unseen * patches[j].area / whole);
 }
 
-MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const std::vector<Rigid> &T, const double *J, int n,
-                                         float sigma, float strays, float volume, int threads) const {
+MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const std::vector<Rigid> &T, const double *J,
+                                         int n, float sigma, float strays, float volume, int threads) const {
     const int parts = model.parts, size = n + 1; // the last parameter is the noise
     const double stray_density = strays / volume;
     const float reach = reach_sigmas * sigma, squared_sigma = sigma * sigma;
@@ -196,7 +205,8 @@ MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const s
         for (int64_t c = b * group; c < std::min((b + 1) * group, int64_t(first.size()) - 1); ++c) {
             blocks.clear();
             cells.rows_about(points[asked[first[c]].second], 1, [&](int64_t from, int64_t to) {
-                for (; from < to; from += lane_count) blocks.emplace_back(from, int(std::min<int64_t>(lane_count, to - from)));
+                for (; from < to; from += lane_count)
+                    blocks.emplace_back(from, int(std::min<int64_t>(lane_count, to - from)));
             });
             for (int64_t i = first[c]; i < first[c + 1]; ++i) {
                 const Vec x = points[asked[i].second];
@@ -210,7 +220,9 @@ MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const s
                     const IntLanes within = (exponent > -9.f) & first_lanes(block.count);
                     block.density = FloatLanes{};
                     if (!any_lane(within)) continue;
-                    block.density = within ? load_lanes(&placed.height[block.at]) * power_of_two(max_lanes(exponent, all_lanes(-20.f))) : FloatLanes{};
+                    block.density = within ? load_lanes(&placed.height[block.at]) *
+                                                 power_of_two(max_lanes(exponent, all_lanes(-20.f)))
+                                           : FloatLanes{};
                     block.force = f;
                     sum += block.density;
                 }
@@ -228,7 +240,8 @@ MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const s
                         if (shares[p] == 0) touched.push_back(p);
                         shares[p] += r;
                         for (int e = 0; e < 3; ++e) forces[3 * p + e] += r * f[e];
-                        by_sigma += r * squared_sigma * (f[0] * f[0] + f[1] * f[1] + f[2] * f[2] - placed.trace[block.at + j]);
+                        by_sigma +=
+                            r * squared_sigma * (f[0] * f[0] + f[1] * f[1] + f[2] * f[2] - placed.trace[block.at + j]);
                     }
                 }
                 std::fill(score.begin(), score.end(), 0.);
@@ -236,8 +249,12 @@ MixtureEvidence SurfaceMixture::evidence(const std::vector<Vec> &points, const s
                 const double arm[3] = {x.x - centre.x, x.y - centre.y, x.z - centre.z};
                 for (const int p : touched) {
                     const double *f = &forces[3 * p];
-                    const double wrench[6] = {arm[1] * f[2] - arm[2] * f[1], arm[2] * f[0] - arm[0] * f[2],
-                                              arm[0] * f[1] - arm[1] * f[0], f[0], f[1], f[2]};
+                    const double wrench[6] = {arm[1] * f[2] - arm[2] * f[1],
+                                              arm[2] * f[0] - arm[0] * f[2],
+                                              arm[0] * f[1] - arm[1] * f[0],
+                                              f[0],
+                                              f[1],
+                                              f[2]};
                     const double *own_J = J + int64_t(p) * 6 * n;
                     for (int e = 0; e < 6; ++e) {
                         for (int h = 0; h < 6; ++h) own.part_H[36 * p + 6 * e + h] += wrench[e] * wrench[h];

@@ -24,8 +24,8 @@ class SurfaceMixture {
     void look(const std::vector<Rigid> &T, const std::vector<Vec> &directions, float unseen);
 
     // The evidence of points whose coordinates have noise of standard deviation `sigma` about the parts placed by T; of
-    // all points the share `strays` lies anywhere in `volume`. J (parts, 6, n) maps parameters to the parts' twists about
-    // the root's origin.
+    // all points the share `strays` lies anywhere in `volume`. J (parts, 6, n) maps parameters to the parts' twists
+    // about the root's origin.
     MixtureEvidence evidence(const std::vector<Vec> &points, const std::vector<Rigid> &T, const double *J, int n,
                              float sigma, float strays, float volume, int threads) const;
 
@@ -34,8 +34,8 @@ class SurfaceMixture {
   private:
     struct Patch {
         int part;
-        float area, weight; // weights sum to 1
-        Vec mean, normal;   // in the part's frame
+        float area, weight;  // weights sum to 1
+        Vec mean, normal;    // in the part's frame
         float covariance[6]; // xx xy xz yy yz zz
     };
     std::vector<Patch> patches; // part by part

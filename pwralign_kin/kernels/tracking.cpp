@@ -5,27 +5,27 @@ namespace pwr {
 
 namespace {
 
-constexpr int64_t most_examined = 65536;      // points of a cloud that are looked at
-constexpr int64_t most_pixels = 131072;       // the same of an image, where most may show nothing
-constexpr int candidates_per_point = 4;       // points around the model that are thinned to one
-constexpr float reach = .03f;                 // a sample nearer to a point is supported, diagonals
-constexpr float occluder_gap = .04f;          // what is nearer to the sensor by more than this hides a sample
-constexpr float depth_edge = .03f;            // neighbouring pixels farther apart may be mixed
-constexpr int judged_samples = 64;            // per part
-constexpr int swept_samples = 24;             // per part
-constexpr float matched_distance = .02f;      // a point nearer to the model is matched in the last iterations
-constexpr float close_distance = .05f;        // a point nearer to the model, but not explained, speaks against it
-constexpr float at_rest = .1f;                // a point that costs less with parts at rest is not looked up for others
-constexpr float sweep_step = .035f;           // what moves farthest moves this far from one value to the next
-constexpr int most_swept = 48;                // values to either side
-constexpr float sweep_support = .5f;          // weight of the surface that the frame shows, beside that of the points
-constexpr float grazing = .1f;                // cosine below which a ray does not tell where it meets the surface
-constexpr float least_error = .1f;            // squared, across a surface: of what is 1 along the ray
-constexpr int steps_along_ray = 3;            // from the closest sample to where the ray meets the surface
-constexpr float finest = .25f;                // of the cell: where there are few points, cells are smaller
+constexpr int64_t most_examined = 65536; // points of a cloud that are looked at
+constexpr int64_t most_pixels = 131072;  // the same of an image, where most may show nothing
+constexpr int candidates_per_point = 4;  // points around the model that are thinned to one
+constexpr float reach = .03f;            // a sample nearer to a point is supported, diagonals
+constexpr float occluder_gap = .04f;     // what is nearer to the sensor by more than this hides a sample
+constexpr float depth_edge = .03f;       // neighbouring pixels farther apart may be mixed
+constexpr int judged_samples = 64;       // per part
+constexpr int swept_samples = 24;        // per part
+constexpr float matched_distance = .02f; // a point nearer to the model is matched in the last iterations
+constexpr float close_distance = .05f;   // a point nearer to the model, but not explained, speaks against it
+constexpr float at_rest = .1f;           // a point that costs less with parts at rest is not looked up for others
+constexpr float sweep_step = .035f;      // what moves farthest moves this far from one value to the next
+constexpr int most_swept = 48;           // values to either side
+constexpr float sweep_support = .5f;     // weight of the surface that the frame shows, beside that of the points
+constexpr float grazing = .1f;           // cosine below which a ray does not tell where it meets the surface
+constexpr float least_error = .1f;       // squared, across a surface: of what is 1 along the ray
+constexpr int steps_along_ray = 3;       // from the closest sample to where the ray meets the surface
+constexpr float finest = .25f;           // of the cell: where there are few points, cells are smaller
 constexpr std::array<size_t, 3> strides{1, 2, 4}; // every so many points, in the last iteration, before, and at first
-constexpr double settled = .1;                // variances per variable: a step that gains less ends the iterations
-constexpr double independent_share = .5;      // of the points
+constexpr double settled = .1;                    // variances per variable: a step that gains less ends the iterations
+constexpr double independent_share = .5;          // of the points
 } // namespace
 
 bool HashedCells::any_within(const Vec *points, Vec p, float reach) const {
@@ -45,8 +45,9 @@ bool HashedCells::any_within(const Vec *points, Vec p, float reach) const {
 }
 
 Tracking::Tracking(const Articulated &model, int points, float cell)
-    : model(model), most_points(points), cell(cell), T(model.parts), F(model.parts), normal(model.parts), twists(6 * model.parts), ranges(range_pixels * range_pixels),
-      thinned(candidates_per_point * points), near(points) {
+    : model(model), most_points(points), cell(cell), T(model.parts), F(model.parts), normal(model.parts),
+      twists(6 * model.parts), ranges(range_pixels * range_pixels), thinned(candidates_per_point * points),
+      near(points) {
     const size_t size = 6 + model.joints;
     kept.reserve(candidates_per_point * points), sums.reserve(candidates_per_point * points);
     candidates.reserve(most_pixels), close.make_room(points);
@@ -145,12 +146,15 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     double left = 1e30, right = -1e30, top = 1e30, bottom = -1e30, nearest = 1e30;
     const Rigid back = inverse(view.camera);
     for (int corner = 0; corner < 8; ++corner) {
-        const double p[3] = {(corner & 1 ? high.x : low.x) * unit + centre[0], (corner & 2 ? high.y : low.y) * unit + centre[1],
+        const double p[3] = {(corner & 1 ? high.x : low.x) * unit + centre[0],
+                             (corner & 2 ? high.y : low.y) * unit + centre[1],
                              (corner & 4 ? high.z : low.z) * unit + centre[2]};
         double c[3];
-        for (int i = 0; i < 3; ++i) c[i] = back.R[3 * i] * p[0] + back.R[3 * i + 1] * p[1] + back.R[3 * i + 2] * p[2] + back.t[i];
+        for (int i = 0; i < 3; ++i)
+            c[i] = back.R[3 * i] * p[0] + back.R[3 * i + 1] * p[1] + back.R[3 * i + 2] * p[2] + back.t[i];
         nearest = std::min(nearest, c[2]);
-        const double x = c[0] / c[2], y = c[1] / c[2], u = view.fx * x + view.skew * y + view.cx, v = view.fy * y + view.cy;
+        const double x = c[0] / c[2], y = c[1] / c[2], u = view.fx * x + view.skew * y + view.cx,
+                     v = view.fy * y + view.cy;
         left = std::min(left, u), right = std::max(right, u), top = std::min(top, v), bottom = std::max(bottom, v);
     }
     if (nearest > 1e-3 * unit) {
@@ -178,7 +182,8 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
                 return other > 0 && std::abs(other - z) > depth_edge;
             };
             // At a depth edge a pixel may lie between both surfaces.
-            if (jumps(row, column - 1) || jumps(row, column + 1) || jumps(row - 1, column) || jumps(row + 1, column)) continue;
+            if (jumps(row, column - 1) || jumps(row, column + 1) || jumps(row - 1, column) || jumps(row + 1, column))
+                continue;
             const float x = float((column - view.cx) / view.fx), y = float((row - view.cy) / view.fy);
             examine(apply(camera, {z * (x - skew * float(row - view.cy)), z * y, z}));
         }
@@ -253,12 +258,13 @@ bool Tracking::is_beyond_image(Vec p) const {
     if (!has_image) return false;
     const Vec c = apply_inverse(image_camera, p);
     if (c.z <= 0) return true;
-    const double x = c.x / c.z, y = c.y / c.z, u = image.fx * x + image.skew * y + image.cx, v = image.fy * y + image.cy;
+    const double x = c.x / c.z, y = c.y / c.z, u = image.fx * x + image.skew * y + image.cx,
+                 v = image.fy * y + image.cy;
     return u < 0 || v < 0 || u > image.width - 1 || v > image.height - 1;
 }
 
-// Where the ray from the sensor to a point p meets a part near one of its samples: there the surface's normal owes nothing
-// to the error of the point, which the closest sample follows. False where it grazes or misses the surface.
+// Where the ray from the sensor to a point p meets a part near one of its samples: there the surface's normal owes
+// nothing to the error of the point, which the closest sample follows. False where it grazes or misses the surface.
 bool Tracking::meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, float &cosine) const {
     const Surface &s = model.surface[part];
     const RigidF &at = F[part];
@@ -288,12 +294,13 @@ bool Tracking::meets(Vec p, int part, int sample, float cap, Vec &foot, Vec &n, 
 void Tracking::assign(const SplitPoints &points, float cap) {
     distance.assign(points.size + lane_count, cap), owner.assign(points.size, -1), sample.resize(points.size);
     for (const Bounds &b : bounds)
-        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(),
+                   close);
 }
 
 TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
-                          const double *expected, const uint8_t *held, float sigma_first, float sigma_last,
-                          float noise, int iterations, double seconds) {
+                          const double *expected, const uint8_t *held, float sigma_first, float sigma_last, float noise,
+                          int iterations, double seconds) {
     const auto start = std::chrono::steady_clock::now();
     const int joints = model.joints, size = 6 + joints;
     TrackingFit result;
@@ -302,13 +309,16 @@ TrackingFit Tracking::fit(Rigid &base, double *values, const Rigid &predicted, c
     // Neighbouring points share the sensor's error.
     const double belief = noise * noise / (independent_share * std::max<size_t>(kept.size(), 1));
     for (int iteration = 0; iteration < iterations; ++iteration) {
-        if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
-        // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last word.
+        if (iteration && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds)
+            break;
+        // Coarse to fine: few points settle the large motion, more of them the rest, and all of them have the last
+        // word.
         const float progress = std::min(1.f, iteration / std::max(2.f, iterations * .3f));
         const float sigma = sigma_first * std::pow(sigma_last / sigma_first, progress), squared = sigma * sigma;
         all |= iteration + 1 == iterations;
         const size_t level = all ? 0 : progress < 1 ? 2 : 1, stride = strides[level];
-        const float cap = std::max(3 * sigma + .005f, matched_distance), weight = kept.empty() ? 0.f : float(stride) / kept.size();
+        const float cap = std::max(3 * sigma + .005f, matched_distance),
+                    weight = kept.empty() ? 0.f : float(stride) / kept.size();
         const bool along_rays = has_sensor && progress >= 1;
         int matched = 0;
         double squares = 0;
@@ -435,7 +445,8 @@ TrackingJudgement Tracking::judge(const Rigid &base, const double *values, float
     for (size_t i = 0; i < owner.size(); ++i)
         if (owner[i] >= 0) ordered.push_back(distance[i]);
     const auto middle = ordered.begin() + ordered.size() / 2;
-    if (middle != ordered.end()) std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
+    if (middle != ordered.end())
+        std::nth_element(ordered.begin(), middle, ordered.end()), out.noise = 1.4826f * *middle;
     if (tolerance <= 0) tolerance = explained_within(out.noise);
     std::fill(explained.begin(), explained.end(), 0.f), std::fill(strays.begin(), strays.end(), 0.f);
     float all = 0, close_by = 0, cost = 0;
@@ -527,10 +538,12 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
     // Those parts that stay are looked up once.
     const SplitPoints &points = thinner[1];
     const float squared = sigma * sigma;
-    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1),
+        sample.resize(points.size);
     for (const Bounds &b : bounds)
         if (!moved[b.part])
-            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(),
+                       close);
     resting.assign(distance.begin(), distance.end());
     for (const double by : changes) {
         change(base, values, variable, by);
@@ -538,7 +551,8 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
         float surface = 0;
         for (const Bounds &b : bounds) {
             if (!moved[b.part]) continue;
-            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+            offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(),
+                       close);
             const Seen seen = seen_of(b.part, swept_samples);
             surface += 2 * seen.shown - (seen.facing - seen.hidden);
         }
@@ -557,7 +571,8 @@ void Tracking::own(const Rigid &base, const double *values, float tolerance, std
     const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
     each.assign(parts * stride, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
     for (int64_t b = 0; b < parts; ++b)
-        offer_part(model.surface[bounds[b].part], int(b), F[bounds[b].part], points, &each[b * stride], owner.data(), sample.data(), close);
+        offer_part(model.surface[bounds[b].part], int(b), F[bounds[b].part], points, &each[b * stride], owner.data(),
+                   sample.data(), close);
     own.assign(model.joints, 0);
     for (int64_t i = 0; i < points.size; ++i) {
         int64_t nearest = 0;
@@ -587,11 +602,13 @@ void Tracking::weigh(const Rigid &base, const double *values, int64_t count, con
         moved[p] = p > 0 && (moved[model.parent[p]] || (model.actuated[p] >= 0 && varied[model.actuated[p]]));
     place(base, values);
     const SplitPoints &points = thinner[1];
-    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
+    distance.assign(points.size + lane_count, close_distance), owner.assign(points.size, -1),
+        sample.resize(points.size);
     Seen resting_surface;
     for (const Bounds &b : bounds) {
         if (moved[b.part]) continue;
-        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(), close);
+        offer_part(model.surface[b.part], b.part, F[b.part], points, distance.data(), owner.data(), sample.data(),
+                   close);
         resting_surface.add(seen_of(b.part, judged_samples));
     }
     float settled_cost = 0;
@@ -608,7 +625,8 @@ void Tracking::weigh(const Rigid &base, const double *values, int64_t count, con
         Seen surface = resting_surface;
         for (const Bounds &b : bounds) {
             if (!moved[b.part]) continue;
-            offer_part(model.surface[b.part], b.part, F[b.part], loose, distance.data(), owner.data(), sample.data(), close);
+            offer_part(model.surface[b.part], b.part, F[b.part], loose, distance.data(), owner.data(), sample.data(),
+                       close);
             surface.add(seen_of(b.part, judged_samples));
         }
         float cost = settled_cost;

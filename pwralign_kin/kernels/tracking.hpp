@@ -61,7 +61,7 @@ struct TrackingJudgement {
     float tolerance = 0; // a point nearer to the model is explained
     float coverage = 0;  // share of the points that the model explains
     float agreement = 0; // the same of the points that are close to the model
-    float visible = 0;   // share of the surface facing the sensor that is not behind something else or outside the image
+    float visible = 0; // share of the surface facing the sensor that is not behind something else or outside the image
     float supported = 0; // share of the visible that is at a point of the frame
     float cost = 0;      // robust mean square of the points' distances, 1 far beyond the tolerance
 };
@@ -80,8 +80,8 @@ class Tracking {
                 float margin);
     template <typename Number> void look(const Number *points, int64_t count);
     template <typename Number> void look(const Number *depth, const PinholeView &view);
-    // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief of
-    // inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard
+    // Gauss-Newton with a Geman-McClure kernel whose scale shrinks from `sigma_first` to `sigma_last`, about a belief
+    // of inverse covariance `expected` (6 + joints)^2 in the predicted configuration, for points of a `noise` (standard
     // deviation); joints that are `held` stay as they are.
     TrackingFit fit(Rigid &base, double *values, const Rigid &predicted, const double *predicted_values,
                     const double *expected, const uint8_t *held, float sigma_first, float sigma_last, float noise,
@@ -89,8 +89,8 @@ class Tracking {
     // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
     // `explained` and the following.
     TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);
-    // Points that the parts which a joint moves explain better than the rest of the model does, for each joint, in points
-    // of the frame. Parts that share the points of others, behind them or inside them, are not seen by those.
+    // Points that the parts which a joint moves explain better than the rest of the model does, for each joint, in
+    // points of the frame. Parts that share the points of others, behind them or inside them, are not seen by those.
     void own(const Rigid &base, const double *values, float tolerance, std::vector<float> &points);
     // Score changes of one variable (rotation vector and shift of the base, then joints) up to `range` to either side.
     void sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
@@ -103,9 +103,10 @@ class Tracking {
                float *against);
 
     const Articulated &model;
-    std::vector<Vec> kept;                // the points of the frame that are used
-    std::vector<double> information;      // (6 + joints)^2 of the last iteration of `fit`, the belief included
-    // Per joint, how far what is seen moves along its normals for each unit: root of the sum over parts of mean squares.
+    std::vector<Vec> kept;           // the points of the frame that are used
+    std::vector<double> information; // (6 + joints)^2 of the last iteration of `fit`, the belief included
+    // Per joint, how far what is seen moves along its normals for each unit: root of the sum over parts of mean
+    // squares.
     std::vector<double> levers;
     std::vector<float> explained, strays; // per part, points close to it that it explains and that it does not
     std::vector<float> visible, shown;    // per part, weight of its visible surface and of what the frame shows of that
@@ -142,9 +143,9 @@ class Tracking {
     std::vector<Normal> normal;
     std::vector<double> twists, H, step, right, reduced, off, swept, moved_weight;
     enum : uint8_t { at_lower = 1, at_upper, still };
-    std::vector<uint8_t> stopped; // joints that stand at a limit in one step, or are held
-    std::vector<uint8_t> moved;   // parts that a sweep moves
-    std::vector<uint8_t> moves;   // (joints, parts) which parts a joint moves
+    std::vector<uint8_t> stopped;             // joints that stand at a limit in one step, or are held
+    std::vector<uint8_t> moved;               // parts that a sweep moves
+    std::vector<uint8_t> moves;               // (joints, parts) which parts a joint moves
     std::vector<int> seen_below, moved_parts; // parts with points: each and all below it, those that a joint moves
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
@@ -160,13 +161,13 @@ class Tracking {
         float count;
     };
     std::vector<Vec> candidates;
-    std::vector<Sum> sums; // of the candidates of each cell
+    std::vector<Sum> sums;              // of the candidates of each cell
     std::vector<float> each;            // distances of the points from each part
     SplitPoints loose;                  // points that parts at rest do not explain
     std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
     std::vector<float> ordered, resting;
-    std::vector<float> distance;        // of the points assigned last from the nearest part, ...
-    std::vector<int> owner, sample;     // ... which part that is, -1 for none, and its sample
+    std::vector<float> distance;    // of the points assigned last from the nearest part, ...
+    std::vector<int> owner, sample; // ... which part that is, -1 for none, and its sample
     CloseSamples close;
     HashedCells thinned, near;
 };

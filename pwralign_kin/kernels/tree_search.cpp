@@ -112,8 +112,8 @@ class Bar {
 
 // Sweep the joint of `edge` in every state (given best first); the best `most` of all states and modes survive. What
 // cannot be among them whatever the samples not looked at say is left out.
-std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int node, Edge edge,
-                                                float leads_to, int most, const Growth &growth) const {
+std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int node, Edge edge, float leads_to,
+                                                int most, const Growth &growth) const {
     struct Candidate {
         int state;
         double value, score;
@@ -153,7 +153,9 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
             const Rigid T = state.T[node] * (down ? motion : inverse(motion));
             float value = 0;
             if (scored)
-                value = weight * damped(part_score(edge.to, to_float(T), 0, last, options.support_distance, growth.point_weights) / s.cumulated[last]);
+                value = weight * damped(part_score(edge.to, to_float(T), 0, last, options.support_distance,
+                                                   growth.point_weights) /
+                                        s.cumulated[last]);
             add({i, state.values[joint], state.score + value - (edge.to == 0 ? prior.base_cost(T) : 0.f), T});
             continue;
         }
@@ -168,11 +170,14 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
         std::vector<Rigid> T(steps);
         row.assign(steps, 0.f);
         for (int v = 0; v < steps; ++v) T[v] = state.T[node] * (down ? sweep.down[v] : sweep.up[v]);
-        auto price = [&](int v) { return prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f); };
+        auto price = [&](int v) {
+            return prior.joint_cost(joint, sweep.values[v]) + (edge.to == 0 ? prior.base_cost(T[v]) : 0.f);
+        };
         if (scored) {
             early.resize(steps);
             for (int v = 0; v < steps; ++v)
-                early[v] = part_score(edge.to, to_float(T[v]), 0, first, options.support_distance, growth.point_weights);
+                early[v] =
+                    part_score(edge.to, to_float(T[v]), 0, first, options.support_distance, growth.point_weights);
             // Only the promising half of the values sees all samples.
             order.resize(steps);
             std::iota(order.begin(), order.end(), 0);
@@ -188,15 +193,20 @@ std::vector<Search::Partial> Search::cross_edge(std::vector<Partial> states, int
                     row[v] = lowest_score;
                     continue;
                 }
-                row[v] = worth((early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance, growth.point_weights)) / s.cumulated[last]);
+                row[v] = worth((early[v] + part_score(edge.to, to_float(T[v]), first, last, options.support_distance,
+                                                      growth.point_weights)) /
+                               s.cumulated[last]);
                 // Where one survives, it is the best of a state: what is worse need not be known.
                 if (beam == 1) missing = std::max(missing, double(row[v] - price(v)));
             }
         }
         for (int v = 0; v < steps; ++v) row[v] -= price(v);
         int modes, window;
-        if (scored) modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
-        else modes = std::min(silent_modes, steps), window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
+        if (scored)
+            modes = std::min(most_modes, steps), window = std::max(std::min(1, steps - 1), std::min(2, steps / 8));
+        else
+            modes = std::min(silent_modes, steps),
+            window = std::max(0, int(std::ceil(steps / double(silent_modes) / 2 - .01)));
         for (int v : best_modes(row, std::min(modes, beam), {steps, window, sweep.circular}, float(missing - rounding)))
             add({i, sweep.values[v], state.score + row[v], T[v]});
     }
@@ -335,17 +345,20 @@ bool Search::is_wide(const std::vector<Edge> &path) const {
 
 // States in which the part at the end of the path is where one of its hypotheses places it, all joints of the path
 // solved together. States in which one of these joints is known have nothing to solve.
-std::vector<Search::Partial> Search::brought(const std::vector<Partial> &states, int node, const std::vector<Edge> &path,
+std::vector<Search::Partial> Search::brought(const std::vector<Partial> &states, int node,
+                                             const std::vector<Edge> &path,
                                              const std::vector<Hypothesis> &placed) const {
     constexpr int starts = 6, kept = 2;
     constexpr float tolerance = .03f;
     std::vector<Partial> reached;
     for (const Partial &state : states) {
-        const bool is_open = std::none_of(path.begin(), path.end(), [&](const Edge &e) { return state.known[model.actuated[e.joint]]; });
+        const bool is_open =
+            std::none_of(path.begin(), path.end(), [&](const Edge &e) { return state.known[model.actuated[e.joint]]; });
         for (size_t h = 0; is_open && h < placed.size(); ++h) {
             if (placed[h].part != path.back().to) continue;
             const ReachTask task{0, node, placed[h].part, placed[h].T};
-            for (const Configuration &c : closed(task, state.T[node], state.values, Random(h + 1), starts, kept, tolerance)) {
+            for (const Configuration &c :
+                 closed(task, state.T[node], state.values, Random(h + 1), starts, kept, tolerance)) {
                 Partial next = state;
                 int from = node;
                 for (const Edge &e : path) {
@@ -386,7 +399,8 @@ std::vector<Search::Partial> Search::unlike(std::vector<Partial> states, int nod
     std::vector<Partial> kept, others;
     for (Partial &state : states) {
         bool is_new = int(kept.size()) < count;
-        for (const Partial &other : kept) is_new = is_new && displacement(node, state.T[node], other.T[node], false) > apart;
+        for (const Partial &other : kept)
+            is_new = is_new && displacement(node, state.T[node], other.T[node], false) > apart;
         (is_new ? kept : others).push_back(std::move(state));
     }
     for (size_t i = 0; int(kept.size()) < count; ++i) kept.push_back(std::move(others[i]));
@@ -408,7 +422,8 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
             states = unlike(std::move(states), node, foremost ? options.branch_beam : 1);
             for (size_t i = 0; i < states.size(); ++i)
                 for (const Edge &e : onward)
-                    states[i] = grow_from(std::move(states[i]), node, previous, e.to, 1, foremost && i == 0, growth).front();
+                    states[i] =
+                        grow_from(std::move(states[i]), node, previous, e.to, 1, foremost && i == 0, growth).front();
             sort_by_score(states);
             break;
         }
@@ -423,7 +438,8 @@ std::vector<Search::Partial> Search::grow_from(Partial start, int node, int prev
         std::move(bridged.begin(), bridged.end(), std::back_inserter(states));
         node = path.back().to;
         const int most = edges[node].size() > 1 ? options.beam : keep;
-        states = cross_edge(std::move(states), previous, path.back(), surface_beyond(node, previous, growth.part_weights), most, growth);
+        states = cross_edge(std::move(states), previous, path.back(),
+                            surface_beyond(node, previous, growth.part_weights), most, growth);
         only = -1;
     }
     if (int(states.size()) > keep) states.resize(keep);
@@ -467,7 +483,8 @@ std::vector<Configuration> Search::grow(const std::vector<Hypothesis> &roots, in
     std::vector<float> weights;
     for (const Surface &s : model.surface) weights.push_back(s.weight);
     parallel_for(int64_t(roots.size()), options.threads, [&](int64_t i) {
-        Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral, std::vector<uint8_t>(model.joints, 0), 0};
+        Partial start{std::vector<Rigid>(model.parts, Rigid::identity()), neutral,
+                      std::vector<uint8_t>(model.joints, 0), 0};
         start.T[roots[i].part] = roots[i].T;
         start.score = weights[roots[i].part] * roots[i].score;
         const Growth growth{field_weights, weights.data(), &roots};
@@ -525,9 +542,11 @@ std::vector<Configuration> Search::regrow(const std::vector<Configuration> &from
                 if (task.weights[p] > 0) fixed[p / 64] |= uint64_t(1) << p % 64;
             }
             for (size_t word = 0; word < fixed.size(); ++word)
-                for (int64_t k = 0; k < count; ++k) explained[k] |= fixed[word] & explaining[task.configuration][word * count + k];
+                for (int64_t k = 0; k < count; ++k)
+                    explained[k] |= fixed[word] & explaining[task.configuration][word * count + k];
             point_weights.resize(count);
-            for (int64_t k = 0; k < count; ++k) point_weights[k] = field.weight[k] * (explained[k] ? options.explained_weight : 1.f);
+            for (int64_t k = 0; k < count; ++k)
+                point_weights[k] = field.weight[k] * (explained[k] ? options.explained_weight : 1.f);
         }
         const Growth growth{point_weights.empty() ? field_weights : point_weights.data(), task.weights.data(), nullptr};
         for (const Partial &state : grow_from(start, task.start, -1, task.next, keep, true, growth))

@@ -63,17 +63,21 @@ int TriangleMesh::build(std::vector<Triangle> &triangles, int first, int count) 
     };
     std::vector<Range> ranges{{first, count}};
     while (int(ranges.size()) < lane_count) {
-        const auto largest = std::max_element(ranges.begin(), ranges.end(), [](Range a, Range b) { return a.count < b.count; });
+        const auto largest =
+            std::max_element(ranges.begin(), ranges.end(), [](Range a, Range b) { return a.count < b.count; });
         const auto [from, size] = *largest;
         if (size <= lane_count) break;
         Vec low = triangles[from].middle(), high = low;
         for (int i = from; i < from + size; ++i)
             low = least(low, triangles[i].middle()), high = greatest(high, triangles[i].middle());
         const Vec extent = high - low;
-        const Vec axis = extent.x >= std::max(extent.y, extent.z) ? Vec{1, 0, 0} : extent.y >= extent.z ? Vec{0, 1, 0} : Vec{0, 0, 1};
+        const Vec axis = extent.x >= std::max(extent.y, extent.z) ? Vec{1, 0, 0}
+                         : extent.y >= extent.z                   ? Vec{0, 1, 0}
+                                                                  : Vec{0, 0, 1};
         const int half = size / 2;
-        std::nth_element(triangles.begin() + from, triangles.begin() + from + half, triangles.begin() + from + size,
-                         [&](const Triangle &a, const Triangle &b) { return dot(a.middle(), axis) < dot(b.middle(), axis); });
+        std::nth_element(
+            triangles.begin() + from, triangles.begin() + from + half, triangles.begin() + from + size,
+            [&](const Triangle &a, const Triangle &b) { return dot(a.middle(), axis) < dot(b.middle(), axis); });
         *largest = {from, half};
         ranges.push_back({from + half, size - half});
     }
@@ -93,7 +97,8 @@ int TriangleMesh::build(std::vector<Triangle> &triangles, int first, int count) 
         }
         Leaf leaf;
         for (int j = 0; j < lane_count; ++j)
-            for (int c = 0; c < 3; ++c) set_lane(leaf.corner[c], j, triangles[own.first + std::min(j, own.count - 1)].corner[c]);
+            for (int c = 0; c < 3; ++c)
+                set_lane(leaf.corner[c], j, triangles[own.first + std::min(j, own.count - 1)].corner[c]);
         leaves.push_back(leaf);
         node.inside[lane] = -int(leaves.size());
     }
@@ -104,7 +109,8 @@ int TriangleMesh::build(std::vector<Triangle> &triangles, int first, int count) 
 FloatLanes TriangleMesh::squared_distances(Vec p, const Node &node) {
     const VecLanes below = node.low - p, above = p - node.high;
     const FloatLanes nothing{};
-    const VecLanes outside{max_lanes(max_lanes(below.x, above.x), nothing), max_lanes(max_lanes(below.y, above.y), nothing),
+    const VecLanes outside{max_lanes(max_lanes(below.x, above.x), nothing),
+                           max_lanes(max_lanes(below.y, above.y), nothing),
                            max_lanes(max_lanes(below.z, above.z), nothing)};
     return dot(outside, outside);
 }

@@ -40,19 +40,41 @@ def kernel_tree(
         output = diagonal if prismatic[i] else 1.0
         multiplier[i] = joint.multiplier * joint_scales[joint.actuated] / output
         offset[i] = joint.offset / output
-    limits, wraps = (lower / joint_scales, upper / joint_scales), continuous.astype(np.uint8)
-    return kernels.Articulated(parent, actuated, placement, axis, prismatic, multiplier, offset, *limits, wraps)
+    return kernels.Articulated(
+        parent=parent,
+        actuated=actuated,
+        placement=placement,
+        axis=axis,
+        prismatic=prismatic,
+        multiplier=multiplier,
+        offset=offset,
+        lower=lower / joint_scales,
+        upper=upper / joint_scales,
+        wraps=continuous.astype(np.uint8),
+    )
 
 
 def set_surfaces(native: kernels.Articulated, surfaces: Sequence[Surface]) -> None:
     """Give every part of the kinematic tree its surface, and what it weighs in scores."""
     for i, (surface, weight) in enumerate(zip(surfaces, part_weights(surfaces), strict=True)):
-        cell, spacing, radius, size, area = map(float, surface.scalars)
         native.set_surface(
-            i, surface.samples, surface.normals, surface.weights, surface.dense, surface.dense_normals,
-            surface.apparent_normals, surface.grid, triple(surface.origin), cell, spacing, triple(surface.centre),
-            radius, size, area, float(weight),
-        )  # fmt: skip
+            part=i,
+            samples=surface.samples,
+            normals=surface.normals,
+            weights=surface.weights,
+            dense=surface.dense,
+            dense_normals=surface.dense_normals,
+            apparent_normals=surface.apparent_normals,
+            grid=surface.grid,
+            origin=triple(surface.origin),
+            cell=surface.cell,
+            slack=surface.spacing,
+            centre=triple(surface.centre),
+            radius=surface.radius,
+            size=surface.size,
+            area=surface.area,
+            weight=float(weight),
+        )
 
 
 def model_reach(native: kernels.Articulated, surfaces: Sequence[Surface]) -> float:

@@ -44,12 +44,27 @@ class Surface:
     face_sizes: Array
     """... and (f, 2) their sides."""
     scalars: Float
-    """(5,) cell size, spacing of the dense samples, bounding radius, size (box diagonal), visible area."""
+    """(5,) `cell`, `spacing`, `radius`, `size` and `area`, as they are kept in the cache."""
 
     @property
     def exists(self) -> bool:
         """Whether the part has any visible surface."""
         return len(self.samples) > 0
+
+    @property
+    def cell(self) -> float:
+        """Size of the grid's cells."""
+        return float(self.scalars[0])
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the dense samples."""
+        return float(self.scalars[1])
+
+    @property
+    def radius(self) -> float:
+        """Radius of the bounding sphere."""
+        return float(self.scalars[2])
 
     @property
     def size(self) -> float:

@@ -95,7 +95,7 @@ class _Look:
         self.normals = surface.normals[:PROBES].astype(float)
         self.dense = surface.dense.astype(float)
         self.tree = cKDTree(self.dense)
-        self.spacing = float(surface.scalars[1])
+        self.spacing = surface.spacing
         self.tolerance = min(SAME, SAME_SHARE * surface.size)
         low, high = self.dense.min(axis=0), self.dense.max(axis=0)
         axes = np.linalg.svd(self.probes - self.probes.mean(axis=0), full_matrices=False)[2].T

@@ -35,7 +35,7 @@ FORGETTING = 0.02
 
 
 @dataclass(frozen=True)
-class Fit:
+class FrameFit:
     """A configuration fitted to a frame, and how well it fits."""
 
     T: Array
@@ -75,7 +75,7 @@ class Fit:
 
 
 def contradiction(cost: float, support: float) -> float:
-    """Return how much speaks against a fit, from 0 to 2, by what its points cost and by its support: see `Fit`."""
+    """Return how much speaks against a fit, from 0 to 2, by its points' cost and its support: see `FrameFit`."""
     return cost + 1.0 - support
 
 
@@ -98,7 +98,7 @@ class Usual:
     """Of the estimate that found it."""
 
     @classmethod
-    def of(cls, fit: Fit, confidence: float) -> Usual:
+    def of(cls, fit: FrameFit, confidence: float) -> Usual:
         """Return what a first fit makes usual."""
         return cls(
             coverage=fit.coverage,
@@ -117,7 +117,7 @@ class Usual:
         """Whether there is little but the model: else what it does not explain does not speak against it."""
         return self.coverage >= CLEAR
 
-    def misfit(self, fit: Fit | Usual) -> float:
+    def misfit(self, fit: FrameFit | Usual) -> float:
         """Return how much speaks against a fit."""
         return 2.0 - fit.agreement - fit.support + (1.0 - fit.coverage if self.alone else 0.0)
 
@@ -126,19 +126,19 @@ class Usual:
         """Distance within which the noise allows points of the model, model diagonals."""
         return kernels.explained_within(self.noise)
 
-    def quality(self, fit: Fit) -> float:
+    def quality(self, fit: FrameFit) -> float:
         """Return how well a fit does beside the usual, from 0 to 1."""
         return float(np.clip(min(fit.agreement / self.agreement, fit.support / self.support), 0.0, 1.0))
 
-    def suspects(self, fit: Fit) -> NDArray[np.bool_]:
+    def suspects(self, fit: FrameFit) -> NDArray[np.bool_]:
         """Return the parts (parts,) that fit clearly worse than usual."""
         return np.asarray((fit.strays > self.strays + SUSPECT) | (fit.missing > self.missing + SUSPECT))
 
-    def doubts(self, fit: Fit) -> bool:
+    def doubts(self, fit: FrameFit) -> bool:
         """Return whether clearly more than usual speaks against a fit, however little of the whole it is."""
         return fit.against > COSTLY * fit.points * contradiction(self.cost, self.support)
 
-    def renewed(self, fit: Fit) -> Usual:
+    def renewed(self, fit: FrameFit) -> Usual:
         """Return the usual after another good fit."""
 
         def mixed(old: Any, new: Any) -> Any:
@@ -157,5 +157,5 @@ class Usual:
         )
 
 
-def _sigma(fit: Fit) -> float:
+def _sigma(fit: FrameFit) -> float:
     return float(np.clip(2.0 * fit.rmse, LEAST_SIGMA, MOST_SIGMA))

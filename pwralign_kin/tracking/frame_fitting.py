@@ -13,8 +13,8 @@ from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import DepthFrame, Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.tracking import local_search
-from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, Fit, Usual
-from pwralign_kin.tracking.motion import LONGEST, Motion
+from pwralign_kin.tracking.fit import LEAST_NOISE, LEAST_SIGMA, FrameFit, Usual
+from pwralign_kin.tracking.motion import LONGEST, BelievedMotion
 from pwralign_kin.tracking.options import TrackerOptions
 
 Frame = Scan | DepthFrame | NDArray[Any]
@@ -44,7 +44,7 @@ class FrameFitting:
         self.options = options
         self.centre, self.viewed, self.wary = np.zeros(3), False, False
 
-    def look(self, frame: Frame, expected: Motion, *, wary: bool = False) -> None:
+    def look(self, frame: Frame, expected: BelievedMotion, *, wary: bool = False) -> None:
         """Look at a frame around an expected configuration, if `wary` also at what tells parts from each other."""
         self.wary = wary
         native = self.native
@@ -79,7 +79,7 @@ class FrameFitting:
 
     def fitted(
         self,
-        expected: Motion,
+        expected: BelievedMotion,
         usual: Usual | None,
         limit: float,
         *,
@@ -87,7 +87,7 @@ class FrameFitting:
         start: tuple[Array, Array] | None = None,
         held: NDArray[np.bool_] | None = None,
         doubt: Array | None = None,
-    ) -> Fit:
+    ) -> FrameFit:
         """Fit the frame about an expected configuration, from a `wide` range of it or a narrow one.
 
         `start` is where to begin instead (base about the centre, in model diagonals, and values), `held` (k,) joints
@@ -102,7 +102,13 @@ class FrameFitting:
             sigma, noise, tolerance = usual.sigma, max(usual.noise, LEAST_NOISE), usual.tolerance
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
-            return Fit(expected.T, expected.values, visible=judged[4], support=judged[5], points=native.points)
+            return FrameFit(
+                expected.T,
+                expected.values,
+                visible=judged.visible,
+                support=judged.supported,
+                points=native.points,
+            )
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
         iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
         still = expected.held if held is None else held
@@ -113,17 +119,17 @@ class FrameFitting:
         if wide:
             believed = believed / WIDER**2
         T, fitted, done, rmse = native.fit(
-            base[None],
-            values,
-            predicted[None],
-            expected.values,
-            believed,
-            still.astype(np.uint8),
-            first,
-            sigma,
-            noise,
-            iterations,
-            limit - clock.perf_counter(),
+            base=base[None],
+            values=values,
+            predicted=predicted[None],
+            predicted_values=expected.values,
+            expected=believed,
+            held=still.astype(np.uint8),
+            sigma_first=first,
+            sigma_last=sigma,
+            noise=noise,
+            iterations=iterations,
+            seconds=limit - clock.perf_counter(),
         )
         information = _semidefinite(native.information - believed)
         covariance: Array = np.asarray(np.linalg.inv(information + known), float)
@@ -131,23 +137,23 @@ class FrameFitting:
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
         conditional = np.diag(information)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
-        noise, tolerance, coverage, agreement, visible, support, cost = native.judge(T[None], fitted, tolerance)
+        judged = native.judge(T[None], fitted, tolerance)
         strays, missing = self._part_misfits()
-        if not self.viewed:  # what is in front of the model, or behind it, cannot be told
-            agreement = coverage
-        owned = np.asarray(native.own(T[None], fitted, tolerance), float) if self.wary else None
+        # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
+        agreement = judged.agreement if self.viewed else judged.coverage
+        owned = np.asarray(native.own(T[None], fitted, judged.tolerance), float) if self.wary else None
         T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
-        return Fit(
+        return FrameFit(
             T=T,
             values=fitted,
             iterations=done,
             rmse=rmse,
-            noise=noise,
-            coverage=coverage,
+            noise=judged.noise,
+            coverage=judged.coverage,
             agreement=agreement,
-            visible=visible,
-            support=support,
-            cost=cost,
+            visible=judged.visible,
+            support=judged.supported,
+            cost=judged.cost,
             points=native.points,
             strays=strays,
             missing=missing,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
-from pwralign_kin.tracking.fit import EVIDENT, Fit
-from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.fit import EVIDENT, FrameFit
+from pwralign_kin.tracking.motion import BelievedMotion
 
 UNDETERMINED = float(np.radians(2.5))
 """A joint whose standard deviation is larger (rad; of slides this share of a diagonal) is undetermined, ..."""
@@ -79,7 +79,7 @@ class Joints:
         first = mutual.argmax(axis=1) == np.arange(len(among))
         return [among & self.moves[:, joint] for joint in np.flatnonzero(last & first)]
 
-    def untold(self, fit: Fit, expected: Motion) -> NDArray[np.bool_]:
+    def untold(self, fit: FrameFit, expected: BelievedMotion) -> NDArray[np.bool_]:
         """Return the joints (k,) that a frame does not tell; those that are locked need not be told."""
         if not fit.iterations:
             return self.free

@@ -23,7 +23,7 @@ SHORTEST = 1e-3
 
 
 @dataclass(frozen=True)
-class Motion:
+class BelievedMotion:
     """Position, speed and doubt at a moment."""
 
     time: float
@@ -43,7 +43,7 @@ class Motion:
     model diagonals."""
 
     @classmethod
-    def at_rest(cls, time: float, T: Array, values: Array, seen: float) -> Motion:
+    def at_rest(cls, time: float, T: Array, values: Array, seen: float) -> BelievedMotion:
         """Return a model of unknown speed that was last seen at a time (s): the longer ago, the less sure it is."""
         size = 6 + len(values)
         deviations = np.clip(time - seen, SHORTEST, LONGEST) * _surprises(size)
@@ -64,7 +64,7 @@ class Motion:
         """(6 + k,) standard deviations of base and values, rad and model diagonals."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
-    def predicted(self, time: float) -> Motion:
+    def predicted(self, time: float) -> BelievedMotion:
         """Return what is expected at a later time."""
         ahead = time - self.time
         blind = self.time - self.seen
@@ -80,8 +80,8 @@ class Motion:
         return replace(self, time=time, T=T, values=self.values + fade[6:] * ahead * self.speeds, covariance=doubt)
 
     def corrected(
-        self, T: Array, values: Array, covariance: Array, held: NDArray[np.bool_], turns: Array, since: Motion
-    ) -> Motion:
+        self, T: Array, values: Array, covariance: Array, held: NDArray[np.bool_], turns: Array, since: BelievedMotion
+    ) -> BelievedMotion:
         """Return the motion once the frame has shown where the model is, but for joints that it does not tell.
 
         `covariance` (6 + k, 6 + k) is what it is after the frame, `held` (k,) which joints are not told; `turns` (k,)
@@ -101,7 +101,7 @@ class Motion:
         before, unseen = np.r_[self.twist, self.speeds], np.r_[np.zeros(6, bool), held]
         speeds = np.where(unseen, before, told * (before + gain * apart / ahead))
         seen = np.where(unseen, self.seen, self.time)
-        return Motion(self.time, T, values, speeds[:6], speeds[6:], seen, covariance)
+        return BelievedMotion(self.time, T, values, speeds[:6], speeds[6:], seen, covariance)
 
 
 def _surprises(size: int) -> Array:

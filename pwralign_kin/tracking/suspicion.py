@@ -7,10 +7,10 @@ import time as clock
 import numpy as np
 
 from pwralign_kin.se3 import Array
-from pwralign_kin.tracking.fit import Fit, Usual
+from pwralign_kin.tracking.fit import FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
-from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.motion import BelievedMotion
 
 UNEXPLAINED = 0.05
 """The model as a whole is suspected when so much more of the points than usual is unexplained."""
@@ -39,7 +39,7 @@ class Suspicion:
     def _clear(self) -> None:
         self._wait, self._waited, self._vain = 1, 0, 0
 
-    def searched(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
+    def searched(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
         """Return what fits a frame better where parts of the model do not fit."""
         if not usual.suspects(fit).any() and not (usual.alone and fit.coverage < usual.coverage - UNEXPLAINED):
             self._clear()
@@ -58,7 +58,7 @@ class Suspicion:
             self._vain = min(self._vain + 1, MOST_VAIN)
         return better
 
-    def _swept(self, fit: Fit, expected: Motion, ranges: Array, usual: Usual, limit: float) -> Fit:
+    def _swept(self, fit: FrameFit, expected: BelievedMotion, ranges: Array, usual: Usual, limit: float) -> FrameFit:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
         best, against = fit, usual.misfit(fit)
         least = against - max(LEAST_GAIN, BETTER * (against - usual.misfit(usual)))

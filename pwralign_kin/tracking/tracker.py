@@ -14,10 +14,10 @@ from pwralign_kin.exceptions import ArgumentError, ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array, rotation_angle
 from pwralign_kin.state import State
-from pwralign_kin.tracking.fit import CLEAR, Fit, Usual
+from pwralign_kin.tracking.fit import CLEAR, FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import LEAST_POINTS, Frame, FrameFitting, checked
 from pwralign_kin.tracking.joints import UNDETERMINED, Joints
-from pwralign_kin.tracking.motion import LONGEST, Motion
+from pwralign_kin.tracking.motion import LONGEST, BelievedMotion
 from pwralign_kin.tracking.options import TrackerOptions
 from pwralign_kin.tracking.recovery import Recovery
 from pwralign_kin.tracking.suspicion import Suspicion
@@ -74,7 +74,7 @@ class Tracker:
         self._fitting = FrameFitting(self._kernel(), model.diagonal, self.options)
         self._suspicion = Suspicion(self._fitting, self._joints)
         self._trials = Trials(self._fitting, self._joints)
-        self._motion: Motion | None = None
+        self._motion: BelievedMotion | None = None
         self._usual: Usual | None = None
         self._missed = 0
 
@@ -124,13 +124,17 @@ class Tracker:
             native = native.restricted(np.where(held, values, lower), np.where(held, values, upper))
         return kernels.Tracking(native, self.options.points, self.options.cell)
 
-    def _first(self, frame: Frame, time: float) -> tuple[Motion, Fit]:
+    def _first(self, frame: Frame, time: float) -> tuple[BelievedMotion, FrameFit]:
         """Return a model at rest where the initial state has it, or anywhere, and its fit."""
         if self._initial is None:
-            self._motion = Motion.at_rest(time, np.eye(4), self.model.values({}) / self._joints.unit, time - LONGEST)
-            return self._motion, Fit(self._motion.T, self._motion.values)
+            self._motion = BelievedMotion.at_rest(
+                time, np.eye(4), self.model.values({}) / self._joints.unit, time - LONGEST
+            )
+            return self._motion, FrameFit(self._motion.T, self._motion.values)
         T = self.model.root_placement(self._initial)
-        motion = Motion.at_rest(time, T, self.model.values(self._initial.joints) / self._joints.unit, time - LONGEST)
+        motion = BelievedMotion.at_rest(
+            time, T, self.model.values(self._initial.joints) / self._joints.unit, time - LONGEST
+        )
         self._motion = motion
         self._fitting.look(frame, motion)
         fit = self._fitting.fitted(motion, None, np.inf, wide=True)
@@ -139,7 +143,7 @@ class Tracker:
             self._usual = Usual.of(fit, 1.0)
         return motion, fit
 
-    def _stayed(self, fit: Fit, motion: Motion) -> bool:
+    def _stayed(self, fit: FrameFit, motion: BelievedMotion) -> bool:
         """Return whether a fit is about where it started."""
         turn = rotation_angle(fit.T[:3, :3] @ motion.T[:3, :3].T)
         shift = float(np.linalg.norm((fit.T - motion.T)[:3, 3])) / self.model.diagonal
@@ -147,12 +151,12 @@ class Tracker:
         joints = np.abs(fit.values - motion.values)[told].max(initial=0.0)
         return bool(max(turn, shift, joints) < STAYED)
 
-    def _followed(self, frame: Frame, expected: Motion, before: Motion, start: float) -> Fit:
+    def _followed(self, frame: Frame, expected: BelievedMotion, before: BelievedMotion, start: float) -> FrameFit:
         """Fit the frame from where the model is expected; where that is doubtful, from farther starts and searched."""
         limit = np.inf if self.options.time_limit is None else start + self.options.time_limit
         usual = self._usual
         if usual is None:
-            return Fit(expected.T, expected.values)
+            return FrameFit(expected.T, expected.values)
         self._fitting.look(frame, expected, wary=self._trials.active or bool(expected.held.any()))
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
@@ -175,25 +179,25 @@ class Tracker:
         fit = self._suspicion.searched(fit, expected, usual, limit)
         return self._trials.tried(fit, expected, usual, limit)
 
-    def _accepts(self, fit: Fit) -> bool:
+    def _accepts(self, fit: FrameFit) -> bool:
         """Return whether a fit shows the model; once it is lost that takes more."""
         if self._usual is None or fit.iterations == 0 or fit.visible < LEAST_VISIBLE:
             return False
         return self._usual.quality(fit) >= (FOUND if self.lost else LOST)
 
-    def _searched(self, frame: Frame, time: float, fit: Fit) -> Fit | None:
+    def _searched(self, frame: Frame, time: float, fit: FrameFit) -> FrameFit | None:
         """Search for a lost model, now and then; return its fit once it is found."""
         assert self._motion is not None
         guess = self._initial if self._usual is None else self._state(self._motion.T, self._motion.values)
         hidden = self._usual is not None and fit.visible < LEAST_VISIBLE
         return self._adopted(self._recovery.answer(frame, guess, hidden=hidden), frame, time)
 
-    def _adopted(self, answer: Estimate | None, frame: Frame, time: float) -> Fit | None:
+    def _adopted(self, answer: Estimate | None, frame: Frame, time: float) -> FrameFit | None:
         """Take over a convincing estimate as the start of a new track."""
         if answer is None or answer.confidence < CONVINCING:
             return None
         values = self.model.values(answer.state.joints) / self._joints.unit
-        start = Motion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
+        start = BelievedMotion.at_rest(time, self.model.root_placement(answer.state), values, time - LONGEST)
         late = self.options.time_limit is not None  # the model has gone on since the frame that was searched
         self._fitting.look(frame, start)
         fit = self._fitting.fitted(start, None, np.inf, wide=late)  # what was usual must not bias it
@@ -209,12 +213,12 @@ class Tracker:
         self._trials.clear()
         return fit
 
-    def _take(self, fit: Fit, before: Motion, searched: bool) -> None:
+    def _take(self, fit: FrameFit, before: BelievedMotion, searched: bool) -> None:
         """Go on from a fit."""
         assert self._motion is not None and self._usual is not None
         time = self._motion.time
         if searched or time == before.time or self.lost:
-            self._motion = replace(Motion.at_rest(time, fit.T, fit.values, time), covariance=fit.covariance)
+            self._motion = replace(BelievedMotion.at_rest(time, fit.T, fit.values, time), covariance=fit.covariance)
         else:
             untold = self._joints.untold(fit, self._motion)
             self._motion = self._motion.corrected(fit.T, fit.values, fit.covariance, untold, self._joints.turns, before)
@@ -223,7 +227,7 @@ class Tracker:
         self._missed = 0
         self._recovery.found()
 
-    def _report(self, fit: Fit, time: float, found: bool, searched: bool, start: float) -> TrackedFrame:
+    def _report(self, fit: FrameFit, time: float, found: bool, searched: bool, start: float) -> TrackedFrame:
         assert self._motion is not None
         quality = 0.0 if self._usual is None else self._usual.quality(fit) * self._usual.confidence
         covariance = self._covariance(fit) if self.options.covariance and found else None
@@ -250,7 +254,7 @@ class Tracker:
             covariance=covariance,
         )
 
-    def _covariance(self, fit: Fit) -> Array:
+    def _covariance(self, fit: FrameFit) -> Array:
         scale = np.r_[np.ones(3), np.full(3, self.model.diagonal), self._joints.unit]
         on_trial = np.diag(np.r_[np.zeros(6), self._trials.apart**2])
         return np.asarray((fit.covariance + on_trial) * np.outer(scale, scale))

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.se3 import Array
-from pwralign_kin.tracking.fit import EVIDENT, Fit, Usual
+from pwralign_kin.tracking.fit import EVIDENT, FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
-from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.motion import BelievedMotion
 from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 
 NEAR = 0.1
@@ -54,7 +54,9 @@ class Trials:
         """Whether any joint is on trial."""
         return bool((self._spread > 0.0).any())
 
-    def freed(self, fit: Fit, expected: Motion, freed: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
+    def freed(
+        self, fit: FrameFit, expected: BelievedMotion, freed: NDArray[np.bool_], usual: Usual, limit: float
+    ) -> FrameFit:
         """Return the fit once joints (k,) that were held, and that the frame tells, are looked for and fitted too."""
         far = expected.deviations > NEAR
         ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
@@ -62,7 +64,7 @@ class Trials:
         other = self._fitting.fitted(expected, usual, limit, start=(T, values), held=expected.held & ~freed)
         return other if usual.misfit(other) <= usual.misfit(fit) + LEAST_GAIN else fit
 
-    def tried(self, fit: Fit, expected: Motion, usual: Usual, limit: float) -> Fit:
+    def tried(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
         """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
         doubt = expected.deviations[6:]
         far = self._joints.free & expected.held & (doubt > NEAR)
@@ -83,7 +85,9 @@ class Trials:
         self.apart = np.where(hidden, self._spread, self._alike)
         return fit
 
-    def _best(self, fit: Fit, expected: Motion, chain: NDArray[np.bool_], usual: Usual, limit: float) -> Fit:
+    def _best(
+        self, fit: FrameFit, expected: BelievedMotion, chain: NDArray[np.bool_], usual: Usual, limit: float
+    ) -> FrameFit:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
         drawn, against, own = self._drawn_about(fit, chain, usual, limit)
         doubt = np.where(chain, self._spread, 0.0)
@@ -117,13 +121,13 @@ class Trials:
         ended &= ~(self._joints.moves & others[:, None]).any(axis=0)
         self._spread[ended], self._alike[ended], self._passed[ended] = 0.0, 0.0, 0
 
-    def _surprise(self, values: Array, fit: Fit, chain: NDArray[np.bool_]) -> Array:
+    def _surprise(self, values: Array, fit: FrameFit, chain: NDArray[np.bool_]) -> Array:
         """Return what speaks against values (..., k) of a chain that are far from those of a fit, in points."""
         far = self._joints.apart(values, fit.values)[..., chain] / self._spread[chain]
         return np.asarray(np.square(far).sum(axis=-1))
 
     def _drawn_about(
-        self, fit: Fit, chain: NDArray[np.bool_], usual: Usual, limit: float
+        self, fit: FrameFit, chain: NDArray[np.bool_], usual: Usual, limit: float
     ) -> tuple[Array, Array, float]:
         """Return values (n, k) of a chain drawn ever closer about the best until the time is up, the best first.
 

@@ -29,7 +29,7 @@ def test_points_belong_to_the_part_whose_surface_is_nearest(comparison: ScanComp
     assert (distance[part < 0] == np.float32(BAND)).all()
     # Cells name the sample nearest to their middle, which stands for a disc around it.
     found = part >= 0
-    cell = max(float(surface.scalars[0]) for surface in comparison.surfaces)
+    cell = max(surface.cell for surface in comparison.surfaces)
     assert (distance[found] <= true[found, part[found]] + cell).all()
     clear = found & (np.sort(true, axis=1)[:, 1] > best + 0.02)
     assert clear.sum() > 300

@@ -18,9 +18,9 @@ def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, mov
     base = tracker._fitting.inward(motion.T)[None]
     for varied in ([0, 1], [1, 1]):
         rows = motion.values + np.linspace(-0.6, 0.6, 7)[:, None] * varied
-        *_, support, cost = zip(*(native.judge(base, row, 0.01) for row in rows), strict=True)
+        judged = [native.judge(base, row, 0.01) for row in rows]
         weighed = native.weigh(base, rows, np.array(varied, np.uint8), 0.01)
-        np.testing.assert_allclose(weighed, np.array(cost) + 1.0 - np.array(support), atol=1e-3)
+        np.testing.assert_allclose(weighed, [own.cost + 1.0 - own.supported for own in judged], atol=1e-3)
         assert np.argmin(weighed) == 3
 
 

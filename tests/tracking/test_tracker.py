@@ -15,10 +15,10 @@ import pwralign_kin as pk
 from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
 from pwralign_kin.se3 import exp, inverse, rotation_angle
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
-from pwralign_kin.simulation.sequences import Motion as FastMotion
+from pwralign_kin.simulation.sequences import Motion
 from pwralign_kin.tracking import Frame
 from pwralign_kin.tracking.fit import Usual
-from pwralign_kin.tracking.motion import Motion
+from pwralign_kin.tracking.motion import BelievedMotion
 from pwralign_kin.tracking.tracker import PATIENCE
 
 
@@ -151,10 +151,10 @@ def test_faults(arm: pk.ArticulatedModel, moving: Frames) -> None:
 
 def test_motion_goes_on_as_fast_as_it_went() -> None:
     twist, speeds = np.array([0.3, -0.2, 0.5, 0.1, 0.2, -0.1]), np.array([0.7, -0.4])
-    motion = Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
+    motion = BelievedMotion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
     for index in range(1, 40):
         expected = motion.predicted(index / 30)
-        true = replace(Motion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0), twist=twist, speeds=speeds).predicted(
+        true = replace(BelievedMotion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0), twist=twist, speeds=speeds).predicted(
             index / 30
         )
         told = (1e-6 * np.eye(8), np.zeros(2, bool))
@@ -166,7 +166,7 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
 
 
-def _seen_at(motion: Motion, time: float, value: float, deviation: float) -> Motion:
+def _seen_at(motion: BelievedMotion, time: float, value: float, deviation: float) -> BelievedMotion:
     """The motion once a frame has shown a base that rests and the value of its one joint."""
     expected = motion.predicted(time)
     covariance = deviation**2 * np.eye(7)
@@ -176,7 +176,7 @@ def _seen_at(motion: Motion, time: float, value: float, deviation: float) -> Mot
 def test_speeds_follow_few_frames_at_once_and_many_or_unsure_ones_slowly() -> None:
     def taken(rate: float, deviation: float) -> float:
         """Share of a new speed that one frame tells."""
-        motion = Motion.at_rest(0.0, np.eye(4), np.zeros(1), 0.0)
+        motion = BelievedMotion.at_rest(0.0, np.eye(4), np.zeros(1), 0.0)
         for index in range(1, 5):
             motion = _seen_at(motion, index / rate, 0.0, deviation)
         return float(_seen_at(motion, 5 / rate, 1.0 / rate, deviation).speeds[0])
@@ -218,7 +218,7 @@ def test_a_joint_that_is_hidden_is_held_and_called_undetermined(arm: pk.Articula
 
 
 def test_few_frames_of_a_fast_motion_are_followed(arm: pk.ArticulatedModel) -> None:
-    frames = simulate_sequence(arm, 16, FastMotion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
+    frames = simulate_sequence(arm, 16, Motion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
     tracker: pk.Tracker | None = None
     for frame in frames:
         tracker = tracker or pk.Tracker(arm, initial=frame.state)
@@ -319,7 +319,7 @@ def test_arguments_of_other_kinds_are_refused(arm: pk.ArticulatedModel, moving: 
 
 
 def test_a_fit_that_has_not_settled_goes_on(arm: pk.ArticulatedModel) -> None:
-    frames = simulate_sequence(arm, 12, FastMotion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
+    frames = simulate_sequence(arm, 12, Motion(joint_speed=1.5, rate=5.0), size=(160, 120), seed=5)
     worst, tracker = 0.0, None
     for frame in frames:
         tracker = tracker or pk.Tracker(arm, pk.TrackerOptions(iterations=6), initial=frame.state)

@@ -144,12 +144,17 @@ class SearchPrior:
         if self.placement is not None and self.rotation_std is not None:
             turn = np.ascontiguousarray(self.placement[:3, :3]).ravel()
         native.set_prior(
-            position, self.translation_std,
-            turn, self.rotation_std or 1.0,
-            none if self.up is None else self.up, self.up_std,
-            none if self.region is None else self.region.ravel(), REGION_STD,
-            self.values, 1.0 / self.std,
-        )  # fmt: skip
+            position=position,
+            position_deviation=self.translation_std,
+            turn=turn,
+            turn_deviation=self.rotation_std or 1.0,
+            up=none if self.up is None else self.up,
+            up_deviation=self.up_std,
+            region=none if self.region is None else self.region.ravel(),
+            region_deviation=REGION_STD,
+            values=self.values,
+            inverse_deviations=1.0 / self.std,
+        )
 
     def bases(self) -> Array:
         """Return the known base and, where it is uncertain, bases about one and a half deviations away (m, 4, 4)."""

@@ -234,7 +234,7 @@ class JointLeastSquares:
         points = np.concatenate(
             [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
         )
-        spacing = max(float(s.scalars[1]) for s in surfaces if s.exists)
+        spacing = max(s.spacing for s in surfaces if s.exists)
         found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
         return found.normal_equations(self.systematic, self.options.most_silhouette, len(placements), centre)
 

@@ -88,9 +88,14 @@ class SurfaceMixture:
         """Return the likelihood of the points at some unknowns, with `strays` the share of strays among them."""
         placements, J = self.solver.part_twists(at.base, at.values)
         log_likelihood, g, H, information, found = self.mixture.evidence(
-            self.points, np.ascontiguousarray(placements), np.ascontiguousarray(J), at.noise, strays, self.volume,
-            self.solver.comparison.threads,
-        )  # fmt: skip
+            points=self.points,
+            placements=np.ascontiguousarray(placements),
+            jacobians=np.ascontiguousarray(J),
+            sigma=at.noise,
+            strays=strays,
+            volume=self.volume,
+            threads=self.solver.comparison.threads,
+        )
         prior = self.solver.prior(at.base, at.values)
         g[:-1] += prior.g
         H[:-1, :-1] += prior.H

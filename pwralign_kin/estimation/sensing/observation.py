@@ -203,16 +203,42 @@ def observe(
     pixel = depth_pixel(gap, options)
     borders = NO_BORDERS if borders is None else borders
     field = kernels.ScanField(
-        points, normals, weights, areas, regions, options.field_cell, options.field_truncation,
-        [] if origin is None else [float(v) for v in origin],
-        raw if origin is not None else np.zeros((0, 3), np.float32),
-        borders, pixel, options.depth_tolerance, options.shadow, 1.0, threads,
-    )  # fmt: skip
+        points=points,
+        normals=normals,
+        weights=weights,
+        areas=areas,
+        regions=regions,
+        cell=options.field_cell,
+        truncation=options.field_truncation,
+        sensor_origin=[] if origin is None else [float(v) for v in origin],
+        depth_points=raw if origin is not None else np.zeros((0, 3), np.float32),
+        borders=borders,
+        pixel=pixel,
+        tolerance=options.depth_tolerance,
+        shadow=options.shadow,
+        unreturned=1.0,
+        threads=threads,
+    )
     given, given_normals = as_given(raw, cell, field, points, normals, options)
     return Observation(
-        points, normals, at_most(raw, options.most_raw), given, given_normals, weights, areas, regions, False, spacing,
-        noise, pixel, origin, field, centre, diagonal, borders=borders,
-    )  # fmt: skip
+        points=points,
+        normals=normals,
+        raw=at_most(raw, options.most_raw),
+        given=given,
+        given_normals=given_normals,
+        weights=weights,
+        areas=areas,
+        regions=regions,
+        scene=False,
+        spacing=spacing,
+        noise=noise,
+        depth_pixel=pixel,
+        sensor_origin=origin,
+        field=field,
+        centre=centre,
+        diagonal=diagonal,
+        borders=borders,
+    )
 
 
 def bulk(scan: Scan) -> tuple[Array, Array]:

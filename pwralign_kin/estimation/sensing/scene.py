@@ -267,9 +267,23 @@ def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: Sc
         cells.raw[mine], cells.of_point[mine], field, points, normals, preparing
     )
     return Observation(
-        points, normals, preparation.at_most(cells.raw, preparing.most_raw), given, given_normals, weights, areas,
-        regions, True, spacing, noise, pixel, cells.origin, field, cells.centre, cells.diagonal,
-    )  # fmt: skip
+        points=points,
+        normals=normals,
+        raw=preparation.at_most(cells.raw, preparing.most_raw),
+        given=given,
+        given_normals=given_normals,
+        weights=weights,
+        areas=areas,
+        regions=regions,
+        scene=True,
+        spacing=spacing,
+        noise=noise,
+        depth_pixel=pixel,
+        sensor_origin=cells.origin,
+        field=field,
+        centre=cells.centre,
+        diagonal=cells.diagonal,
+    )
 
 
 @dataclass(frozen=True)
@@ -307,11 +321,22 @@ def _field(
         searched = float(np.median(np.linalg.norm(kept.points[kept.regions >= 0] - seen.origin, axis=1)))
         pixel *= float(np.linalg.norm(seen.points.mean(axis=0) - seen.origin)) / searched
     return kernels.ScanField(
-        kept.points, kept.normals, kept.weights, kept.areas, kept.regions, cell, preparing.field_truncation,
-        [] if seen.origin is None else [float(v) for v in seen.origin],
-        seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
-        preparation.NO_BORDERS, pixel, preparing.depth_tolerance, preparing.shadow, options.unreturned, threads,
-    )  # fmt: skip
+        points=kept.points,
+        normals=kept.normals,
+        weights=kept.weights,
+        areas=kept.areas,
+        regions=kept.regions,
+        cell=cell,
+        truncation=preparing.field_truncation,
+        sensor_origin=[] if seen.origin is None else [float(v) for v in seen.origin],
+        depth_points=seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
+        borders=preparation.NO_BORDERS,
+        pixel=pixel,
+        tolerance=preparing.depth_tolerance,
+        shadow=preparing.shadow,
+        unreturned=options.unreturned,
+        threads=threads,
+    )
 
 
 def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> float:

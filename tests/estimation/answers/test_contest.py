@@ -11,7 +11,7 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator
-from pwralign_kin.estimation.stages import Fit
+from pwralign_kin.estimation.stages import SearchedScan
 
 SWIVEL = """
 <robot name="swivel">
@@ -36,17 +36,17 @@ def swivel(folder: Path, lower: float, upper: float) -> pk.ArticulatedModel:
     return pk.ArticulatedModel.from_urdf(folder / "swivel.urdf")
 
 
-def fitted(model: pk.ArticulatedModel, truth: pk.State) -> Fit:
+def fitted(model: pk.ArticulatedModel, truth: pk.State) -> SearchedScan:
     scan = pk.simulate(model, truth, seed=0).scan
     return Estimator(model, pk.EstimatorOptions(threads=1)).fit(scan, truth, None)
 
 
-def held_at(fit: Fit, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
+def held_at(fit: SearchedScan, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
     base = fit.solver.comparison.observation.to_search(model.root_placement(truth))
     return Candidates.single(base, np.array([value]))
 
 
-def contest(fit: Fit, final: Candidates) -> Candidates | None:
+def contest(fit: SearchedScan, final: Candidates) -> Candidates | None:
     return contested(fit.solver, final, final, pk.EstimatorOptions())
 
 
