@@ -389,6 +389,8 @@ def _check_robot(name: str, folder: Path, samples: Iterable[str]) -> None:
     try:
         robots = wheel_robots()
     except DependencyError:
+        if name in ROBOTS:
+            raise
         robots = {}
     if name not in robots:
         where = f"sample model in {folder.absolute()} (another folder: --samples DIR) or robot of example-robot-data"

@@ -98,12 +98,14 @@ class Estimator:
         surroundings: NDArray[np.bool_] | None = None,
         turned: NDArray[np.bool_] | None = None,
         borders: NDArray[np.float32] | None = None,
+        start: State | None = None,
     ) -> SearchedScan:
-        """Return all answers worth comparing, before the joint least squares.
+        """Return all answers worth comparing, before the joint least squares: those about the guess, or everywhere.
 
         Points known to be of the `surroundings` (n,) make the scan a scene. Prepared points that are `turned` (m,) are
         taken for the other side of the surface. `borders` (b, 3) are where the picture of a view ends: outward normals
-        of planes through the sensor.
+        of planes through the sensor. A `start` is an answer to search about that nobody knows to be near: unlike a
+        guess, it is no prior.
         """
         watch = watch or Stopwatch(self.progress)
         scan = self._believed(scan)
@@ -114,10 +116,12 @@ class Estimator:
             search = self._search(observation, prior, lower, upper)
         searching = SceneAnswerSearch if observation.scene else AnswerSearch
         answers = searching(self.model, search, self.options, correspondences, watch)
-        if initial is None:
+        near = start or initial
+        if near is None:
             found = answers.without_guess()
         else:
-            found = answers.from_guess(observation.to_search(self.model.root_placement(initial)), prior)
+            values = np.clip(self._prior(near), lower, upper)
+            found = answers.from_guess(observation.to_search(self.model.root_placement(near)), values)
         with watch.stage("finish"):
             finished = answers.finished(found)
         solver = JointLeastSquares(self.model, found.comparison, lower, upper, self.options.least_squares)

@@ -95,7 +95,7 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> Searc
     observation, enough = fit.solver.comparison.observation, fit.finished.scores[0] + OTHER_SIDE
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
     try:
-        from_answer = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, turned=turned)
+        from_answer = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned, start=answer)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
     if from_answer.finished.scores[0] <= enough:
@@ -104,7 +104,7 @@ def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> Searc
         anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned)
         if anew.finished.scores[0] > enough:
             return anew
-    return replace(from_answer, initial=fit.initial, prior=fit.prior)
+    return from_answer
 
 
 def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
@@ -117,12 +117,14 @@ def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate)
     if len(borders) == 0:
         return fit, estimate
     answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
-    best = estimator.fit(fit.scan, answer, fit.correspondences, fit.watch, borders=borders)
-    if not is_plainly_right(best.solver.comparison, best.finished.take([0])):
-        anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
-        best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
-    best = replace(best, initial=None, prior=fit.prior)
-    return best, estimator.finished(best)
+    try:
+        best = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders, start=answer)
+        if not is_plainly_right(best.solver.comparison, best.finished.take([0])):
+            anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
+            best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
+        return best, estimator.finished(best)
+    except (ScanError, CorrespondenceError):  # too little is left within the picture
+        return fit, estimate
 
 
 def _beside_surroundings(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
@@ -184,11 +186,12 @@ def _sighted(estimator: Estimator, fit: SearchedScan, scan: Scan) -> Answer | No
 
     One short search tells most of those that are and that are not.
     """
+    effort = estimator.options.effort
     quick = Estimator(estimator.model, replace(estimator.options, effort="fast"))
     try:
         found = quick.fit(scan, fit.initial, fit.correspondences, fit.watch)
         sound = _searched_soundness(found)
-        if BLIND <= sound < SIGHTED:
+        if sound >= BLIND and (effort == "thorough" or (effort == "default" and sound < SIGHTED)):
             found = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
@@ -227,7 +230,10 @@ def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Est
     try:
         # Of the model, the image is found without repair; of anything else, repair takes most of the time.
         quick = replace(options, effort="fast", repair=replace(options.repair, rounds=0))
-        image = Estimator(estimator.model, quick).fit(fit.scan.mirrored(), None, None, fit.watch)
+        borders = fit.solver.comparison.observation.borders * np.array([1.0, 1.0, -1.0], np.float32)
+        image = Estimator(estimator.model, quick).fit(
+            fit.scan.mirrored(), None, None, fit.watch, borders=borders if len(borders) else None
+        )
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return estimate
     if image.solver.comparison.observation.scene:  # its scores do not compare

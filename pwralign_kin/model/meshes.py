@@ -30,7 +30,7 @@ MESH_FORMATS = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
 GREY = (0.7, 0.7, 0.7, 1.0)
 """Colour of geometry that names none."""
 
-_READER = "geometry-2"  # part of the cache key: changes whenever the reading of meshes does
+_READER = "geometry-3"  # part of the cache key: changes whenever the reading of meshes does
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +323,8 @@ def _scene(path: Path, files: Mapping[str, bytes]) -> Any:
     if path.suffix.lower() == ".dae":
         shown = re.findall(rb"<instance_geometry\b[^>]*\burl\s*=\s*[\"']#([^\"']+)", data)
         if not all(any(name.startswith(one.decode(errors="replace")) for name in scene.geometry) for one in shown):
-            return read(re.sub(rb"<bind_material\b.*?</bind_material\s*>", b"", data, flags=re.DOTALL))
+            plain = read(re.sub(rb"<bind_material\b.*?</bind_material\s*>", b"", data, flags=re.DOTALL))
+            return plain if len(plain.geometry) > len(scene.geometry) else scene
     return scene
 
 

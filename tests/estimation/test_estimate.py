@@ -514,3 +514,11 @@ def test_a_view_of_which_a_mask_cuts_most_away_is_answered_with_confidence(excav
     estimate = pk.estimate(excavator, cut)
     assert base_shift(excavator, estimate, made.state) < 0.01
     assert estimate.confidence > 0.8
+
+
+@pytest.mark.parametrize("count", [10, 200])
+def test_a_view_far_smaller_than_the_model_is_refused_by_name(arm: pk.ArticulatedModel, count: int) -> None:
+    """A view that one cell holds has no plane: it ended in an IndexError."""
+    speck = 0.005 * np.random.default_rng(0).normal(size=(count, 3)) * arm.diagonal
+    with pytest.raises(pk.PwralignError):
+        pk.estimate(arm, pk.Scan(speck + np.array([0, 0, 1.0]), sensor_origin=(0, 0, 0)))

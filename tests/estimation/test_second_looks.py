@@ -74,13 +74,34 @@ def test_points_are_turned_where_the_answer_gets_better_by_it(
     estimator = mock.Mock()
     estimator.fit = mock.Mock(side_effect=[from_answer, anew])
     monkeypatch.setattr(second_looks, "state_of", mock.Mock())
-    monkeypatch.setattr(second_looks, "replace", lambda fit, **_: fit)
     found = second_looks._with_turned(estimator, np.ones(3, bool), _found(1.0))
     assert found is {None: None, "anew": anew, "from answer": from_answer}[kept]
 
 
-@pytest.mark.parametrize(("sound", "efforts"), [(0.05, ["fast"]), (0.3, ["fast", "default"]), (0.6, ["fast"])])
+def test_an_answer_to_search_about_is_no_prior(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    """A look at a cut view took the first answer for what was known, and left the user's bounds by it."""
+    name = arm.joint_names[0]
+    prior = single_scan.state.joints[name] + 0.05
+    estimator = Estimator(arm, pk.EstimatorOptions(prior={name: prior}, prior_std={name: 0.05}, threads=2))
+    found = estimator.fit(single_scan.scan, None, None, start=single_scan.state)
+    assert found.initial is None
+    assert found.prior[0] * arm.joint_scales[0] == pytest.approx(prior)
+    assert np.all(found.solver.upper[0] * arm.joint_scales[0] - prior < 0.3)
+
+
+@pytest.mark.parametrize(
+    ("effort", "sound", "efforts"),
+    [
+        ("default", 0.05, ["fast"]),
+        ("default", 0.3, ["fast", "default"]),
+        ("default", 0.6, ["fast"]),
+        ("fast", 0.3, ["fast"]),
+        ("thorough", 0.05, ["fast"]),
+        ("thorough", 0.6, ["fast", "thorough"]),
+    ],
+)
 def test_a_short_search_from_elsewhere_tells_whether_a_longer_one_is_worth_it(
+    effort: Any,
     sound: float,
     efforts: list[str],
     arm: pk.ArticulatedModel,
@@ -97,7 +118,7 @@ def test_a_short_search_from_elsewhere_tells_whether_a_longer_one_is_worth_it(
     monkeypatch.setattr(Estimator, "finished", lambda own, fit: _answer(single_scan.scan, sound, 0.5))
     monkeypatch.setattr(second_looks, "gathered", lambda *_: None)
     monkeypatch.setattr(second_looks, "soundness", lambda _: sound)
-    found = second_looks._sighted(Estimator(arm, pk.EstimatorOptions()), _found(1.0), single_scan.scan)
+    found = second_looks._sighted(Estimator(arm, pk.EstimatorOptions(effort=effort)), _found(1.0), single_scan.scan)
     assert searched == efforts
     assert (found is not None) == (sound > 0.5)
 

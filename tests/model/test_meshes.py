@@ -215,6 +215,21 @@ def test_broken_materials_of_dae_files_cost_their_colours_only(read: Read, tmp_p
     assert as_trimesh(read(mesh_link("wedge.dae")).parts[0]).volume == pytest.approx(1.0)
 
 
+def test_lines_in_a_dae_file_cost_no_colours(read: Read, tmp_path: Path) -> None:
+    red = wedge()
+    red.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255])
+    )
+    red.export(tmp_path / "wedge.dae")
+    text = (tmp_path / "wedge.dae").read_text()
+    text = text.replace("</library_geometries>", '<geometry id="rim"><mesh/></geometry></library_geometries>')
+    text = text.replace("<instance_geometry", '<instance_geometry url="#rim"/><instance_geometry', 1)
+    assert text.count("rim") == 2
+    (tmp_path / "wedge.dae").write_text(text)
+    (body,) = read(mesh_link("wedge.dae")).parts[0].visuals
+    assert body.rgba is not None and body.rgba[:3] == pytest.approx((1, 0, 0), abs=0.01)
+
+
 # ---- units of DAE files
 
 

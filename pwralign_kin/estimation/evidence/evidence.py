@@ -74,7 +74,8 @@ class Evidence:
     """Standard deviation of the scan points from their local planes, model diagonals."""
 
     borne_out: float
-    """Share of the surface that a scan usually shows that points confirm: they lie on it, and are oriented like it."""
+    """Share of the surface that a scan usually shows, of what its picture holds, that points confirm: they lie on it,
+    and are oriented like it."""
 
     in_sight: float
     """Share of the model's surface that points confirm, of that which is in sight: a single view does not show what is
@@ -152,7 +153,7 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
         distinct=distinct,
         told=told,
         noise=observation.noise,
-        borne_out=confirmed * float(shares @ weights) / float(weights.sum()) / comparison.pictured(final),
+        borne_out=min(1.0, confirmed * float(shares @ weights) / float(weights.sum()) / comparison.pictured(final)),
         in_sight=in_sight,
         agreed=agreed,
         explained=1.0 - comparison.unexplained(final) if observation.scene else float(on_model),

@@ -54,7 +54,7 @@ def reinterpreted(
     model: ArticulatedModel, search: TreeSearch, solution: Candidates, options: ReinterpretationOptions
 ) -> Candidates | None:
     """Return configurations that nearly have the surface of `solution` (one), best score first; None if none."""
-    fewer = {"ways": round(options.ways * search.share_tried), "turned": round(options.turned * search.share_tried)}
+    fewer = {name: max(1, round(getattr(options, name) * search.share_tried)) for name in ("ways", "turned")}
     turned, parts = _Reader(model, search.comparison, solution, replace(options, **fewer)).readings()
     if len(turned) == 0:
         return None

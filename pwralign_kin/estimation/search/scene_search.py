@@ -7,7 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Positive, Share
+from pwralign_kin.checked_options import (
+    LARGEST_COUNT,
+    LARGEST_NUMBER,
+    CheckedOptions,
+    Count,
+    Natural,
+    NotNegative,
+    Positive,
+    Share,
+)
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import continued
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -76,9 +85,10 @@ class SceneSearchOptions(CheckedOptions):
     """... and rounds of repair that they get in the scene after that."""
 
     def scaled(self, factor: float) -> SceneSearchOptions:
-        """Return the same with `factor` times the budgets that the regions share."""
+        """Return the same with `factor` times the budgets that the regions share, as far as they go."""
         names = ("anchors", "least_anchors", "roots", "least_roots", "refined", "least_refined")
-        return replace(self, more=factor * self.more, **{name: round(factor * getattr(self, name)) for name in names})
+        budgets = {name: min(round(factor * getattr(self, name)), LARGEST_COUNT) for name in names}
+        return replace(self, more=min(factor * self.more, LARGEST_NUMBER), **budgets)
 
 
 class RegionSearch:

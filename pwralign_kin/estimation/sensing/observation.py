@@ -447,6 +447,8 @@ def wide_plane(
         return None
     normal = np.array([x, y, z], np.float32)
     on_plane = coarse[np.abs(coarse @ normal - offset) < options.plane_tolerance]
+    if len(on_plane) < 3:
+        return None
     # A least-squares plane through the inliers of the minimal sample, which is only as good as one normal.
     centre = on_plane.mean(axis=0)
     _, singular, axes = np.linalg.svd(on_plane - centre, full_matrices=False)
