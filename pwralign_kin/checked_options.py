@@ -40,16 +40,15 @@ class Range:
 
 
 LARGEST_COUNT = 10**6
-LARGEST_NUMBER = 1e6
-"""No count or number of an option is larger: kernels take counts of 32 bits and numbers of single precision."""
+"""No count is larger: kernels take them in 32 bits."""
 
 Count = Annotated[int, Range(1, LARGEST_COUNT)]
 Natural = Annotated[int, Range(0, LARGEST_COUNT)]
 Seed = Annotated[int, Range(0, SEED_LIMIT - 1)]
 Threads = Annotated[int, Range(0, 10**4)]
 """0: one per core."""
-Positive = Annotated[float, Range(0, LARGEST_NUMBER, beyond_least=True)]
-NotNegative = Annotated[float, Range(0, LARGEST_NUMBER)]
+Positive = Annotated[float, Range(beyond_least=True)]
+NotNegative = Annotated[float, Range()]
 Threshold = Annotated[float, Range(0, math.inf)]
 """Infinite: never reached."""
 Share = Annotated[float, Range(0, 1)]

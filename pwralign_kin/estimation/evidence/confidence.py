@@ -10,9 +10,11 @@ from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_sur
 PRESENT = (3.71, 3.5, 3.06, 0.26, -1.47, -0.49, -4.85)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
-"""... and of 1 and of what tells whether an answer is right if it is (`features`):
-`pwralign_kin.benchmark.calibration.fitted` to answers to scans such as those of `python scripts/benchmark.py --table
-confidence`, which shows what it finds beside these."""
+"""... and of 1 and of what tells whether an answer is right if it is (`features`).
+
+Both by `pwralign_kin.benchmark.calibration.fitted`: the first to answers to scans such as those of `python
+scripts/benchmark.py --table confidence`, the second to those of an earlier estimator that was wrong more often, for too
+few of today's are. The table shows what it finds beside these."""
 AGREED = (0.3, 0.95)
 """Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
 EXPLAINED = 0.6

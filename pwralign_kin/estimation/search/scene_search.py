@@ -9,7 +9,6 @@ import numpy as np
 
 from pwralign_kin.checked_options import (
     LARGEST_COUNT,
-    LARGEST_NUMBER,
     CheckedOptions,
     Count,
     Natural,
@@ -88,7 +87,7 @@ class SceneSearchOptions(CheckedOptions):
         """Return the same with `factor` times the budgets that the regions share, as far as they go."""
         names = ("anchors", "least_anchors", "roots", "least_roots", "refined", "least_refined")
         budgets = {name: min(round(factor * getattr(self, name)), LARGEST_COUNT) for name in names}
-        return replace(self, more=min(factor * self.more, LARGEST_NUMBER), **budgets)
+        return replace(self, more=min(factor * self.more, LARGEST_COUNT), **budgets)
 
 
 class RegionSearch:
