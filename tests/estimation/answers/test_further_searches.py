@@ -9,6 +9,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
@@ -18,11 +19,10 @@ from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
 
 
-def searched_again(
-    arm: pk.ArticulatedModel, scan: pk.Scan, units: np.ndarray, *, wrong: bool, monkeypatch: pytest.MonkeyPatch
-) -> tuple[bool, bool]:
-    """Whether a second search returns what was found before it, the answer of the first or a `wrong` one, and whether
-    it looks at pieces of the scan."""
+def first_searched(
+    arm: pk.ArticulatedModel, scan: pk.Scan, units: np.ndarray, *, wrong: bool
+) -> tuple[AnswerSearch, Candidates]:
+    """A search of the scan, and the answers that it finds first; `wrong`: moved aside."""
     observation = observe(scan, arm.diagonal, ObservationOptions(), 2)
     search = TreeSearch(
         ScanComparison(
@@ -35,12 +35,21 @@ def searched_again(
     before = answers._once(0)
     if wrong:
         before.bases[:, :3, 3] += 0.2
+    return answers, before
+
+
+def searched_again(
+    arm: pk.ArticulatedModel, scan: pk.Scan, units: np.ndarray, *, wrong: bool, monkeypatch: pytest.MonkeyPatch
+) -> tuple[bool, bool]:
+    """Whether a second search returns what was found before it, the answer of the first or a `wrong` one, and whether
+    it looks at pieces of the scan."""
+    answers, before = first_searched(arm, scan, units, wrong=wrong)
     looked = []
     piecewise = TreeSearch.piecewise_hypotheses
     monkeypatch.setattr(
         TreeSearch, "piecewise_hypotheses", lambda own, seed: looked.append(seed) or piecewise(own, seed)
     )
-    return answers._once_more(1, search, before) is before, bool(looked)
+    return answers._once_more(1, answers.search, before) is before, bool(looked)
 
 
 def test_an_answer_that_all_of_the_scan_leads_to_again_ends_the_search(
@@ -91,20 +100,9 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
     wrong: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    observation = observe(single_scan.scan, arm.diagonal, ObservationOptions(), 2)
-    search = TreeSearch(
-        ScanComparison(
-            Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 2),
-            observation,
-            SearchPrior.nothing(arm.values({}) / units),
-        )
-    )
-    answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    before = answers._once(0)
-    if wrong:
-        before.bases[:, :3, 3] += 0.2
+    answers, before = first_searched(arm, single_scan.scan, units, wrong=wrong)
     read = mock.Mock(side_effect=lambda search, solutions: solutions)
     monkeypatch.setattr(answers, "_reinterpreted", read)
-    found = answers._once_more(1, search, before)
+    found = answers._once_more(1, answers.search, before)
     assert read.called == wrong
     assert np.array_equal(found.bases[0], before.bases[0]) != wrong
