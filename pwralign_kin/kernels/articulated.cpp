@@ -75,6 +75,63 @@ void Articulated::forward(const Rigid &base, const double *values, const std::ve
     for (const int i : some) T[i] = T[parent[i]] * joint_placement(i, values[actuated[i]]);
 }
 
+bool Articulated::actuated_by(int part, double motion, double beyond, double &value) const {
+    const double low = lower[actuated[part]], high = upper[actuated[part]];
+    double u = (motion - offset[part]) / multiplier[part];
+    if (!prismatic[part]) {
+        // Of all full turns the one nearest to the middle of the limits.
+        const double period = 2 * M_PI / std::abs(multiplier[part]);
+        u -= period * std::nearbyint((u - (low + high) / 2) / period);
+    }
+    value = std::min(std::max(u, low), high);
+    return u > low - beyond && u < high + beyond;
+}
+
+namespace {
+void turned(const double *R, const double *v, double *out) {
+    for (int i = 0; i < 3; ++i) out[i] = R[3 * i] * v[0] + R[3 * i + 1] * v[1] + R[3 * i + 2] * v[2];
+}
+
+// The angle about `axis` that brings the direction `source` nearest to `target`.
+double angle_bringing(const double *axis, const double *source, const double *target) {
+    const double crossed[3] = {source[1] * target[2] - source[2] * target[1],
+                               source[2] * target[0] - source[0] * target[2],
+                               source[0] * target[1] - source[1] * target[0]};
+    return std::atan2(dot(crossed, axis), dot(target, source) - dot(axis, source) * dot(target, axis));
+}
+} // namespace
+
+bool Articulated::close(const std::vector<int> &chain, const Rigid &above, const Rigid &below, const Tolerance &open,
+                        double *values) const {
+    Rigid motion = inverse(above * placement[chain.front()]) * below;
+    bool fits = true;
+    if (chain.size() == 2) {
+        const Rigid &between = placement[chain[1]];
+        const double *first = &axis[3 * chain[0]], *second = &axis[3 * chain[1]];
+        double source[3], target[3];
+        turned(between.R, second, source), turned(motion.R, second, target);
+        const double angle = angle_bringing(first, source, target);
+        fits = actuated_by(chain[0], angle, open.beyond, values[0]);
+        Rigid turn = Rigid::identity();
+        rotation_about(first, angle, turn.R);
+        motion = inverse(turn * between) * motion;
+    }
+    // The rotation in terms of the quaternion (w, v) with c = v . axis: its angle about the axis is the arctangent of
+    // 4 w c over 2 (w^2 - c^2), and that of what is left the arccosine of 2 (w^2 + c^2) - 1.
+    const int last = chain.back();
+    const double *R = motion.R, *a = &axis[3 * last], half[3] = {R[7] - R[5], R[2] - R[6], R[3] - R[1]};
+    double kept[3];
+    turned(R, a, kept);
+    const double cosine = dot(kept, a), angle = std::atan2(dot(half, a), R[0] + R[4] + R[8] - cosine);
+    double off = std::acos(std::min(std::max(cosine, -1.), 1.)), moved = angle;
+    if (prismatic[last]) {
+        moved = dot(motion.t, a), off = std::hypot(off, angle);
+        for (int i = 0; i < 3; ++i) motion.t[i] -= moved * a[i];
+    }
+    fits &= actuated_by(last, moved, open.beyond, values[chain.size() - 1]);
+    return fits && off < open.turn && dot(motion.t, motion.t) < open.slide * open.slide;
+}
+
 void Articulated::joint_twist(int part, const Rigid *T, const double *c, double *twist) const {
     const double *R = T[part].R, *a = &axis[3 * part];
     double world[3];

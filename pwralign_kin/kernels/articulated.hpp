@@ -85,6 +85,11 @@ struct Surface {
     }
 };
 
+// How far a joint may be open (rad, length), and beyond its limits.
+struct Tolerance {
+    double turn, slide, beyond;
+};
+
 class Articulated {
   public:
     int parts = 0, joints = 0;
@@ -117,6 +122,10 @@ class Articulated {
         else value = std::clamp(value, low, high);
         return std::abs(change);
     }
+    // Whether the joints of a chain (one part, or two of which the first has no surface) close between placements of
+    // the part above it and of its last, and the actuated `values` that they then take, within the limits.
+    bool close(const std::vector<int> &chain, const Rigid &above, const Rigid &below, const Tolerance &open,
+               double *values) const;
     // World twist of a part's joint about the point c, (6).
     void joint_twist(int part, const Rigid *T, const double *c, double *twist) const;
     // Those of all parts, (parts, 6); the root's is zero.
@@ -124,6 +133,11 @@ class Articulated {
     // Add the normal equations of the parts to those of base and joints (6 + joints), accumulated from the leaves (as
     // in Featherstone's composite-rigid-body algorithm). Those of the base itself stay in normal[0], complete.
     void compose(Normal *normal, const double *twists, double *H, double *g) const;
+
+  private:
+    // The actuated value, within the limits, at which a part's joint has moved so far, and whether they allow it but
+    // for `beyond`.
+    bool actuated_by(int part, double motion, double beyond, double &value) const;
 };
 
 } // namespace pwr

@@ -1,7 +1,7 @@
 // Points sorted into the cells of a uniform grid, for neighbour queries within one cell size.
 #pragma once
 #include "lanes.hpp"
-#include <numeric>
+#include "ordering.hpp"
 
 namespace pwr {
 
@@ -18,12 +18,11 @@ class Cells {
         }
         nx = coordinate(high.x - origin.x) + 1, ny = coordinate(high.y - origin.y) + 1,
         nz = coordinate(high.z - origin.z) + 1;
-        keys.resize(count), order.resize(count), sorted.resize(count);
+        keys.resize(count), sorted.resize(count);
         for (int64_t i = 0; i < count; ++i)
             keys[i] = uint64_t((coordinate(points[i].x - origin.x) * ny + coordinate(points[i].y - origin.y)) * nz +
                                coordinate(points[i].z - origin.z));
-        std::iota(order.begin(), order.end(), 0);
-        sort();
+        order = sort_keys(keys);
         for (int64_t i = 0; i < count; ++i) sorted[i] = points[order[i]];
         split = SplitPoints(sorted.data(), count, 1);
         if (nx * ny > most_columns * (count + 1000)) return;
@@ -78,25 +77,6 @@ class Cells {
     SplitPoints split;          // ... and once more, for several at a time
 
   private:
-    // Radix sort, byte by byte from the lowest; points of a cell keep their order. Bytes that all keys share are
-    // skipped.
-    void sort() {
-        uint64_t any = 0, all = ~uint64_t(0);
-        for (const uint64_t k : keys) any |= k, all &= k;
-        std::vector<uint64_t> next_keys(keys.size());
-        std::vector<int> next_order(keys.size());
-        for (int shift = 0; shift < 64; shift += 8) {
-            if (!(((any ^ all) >> shift) & 255)) continue;
-            int64_t start[257] = {};
-            for (const uint64_t k : keys) ++start[((k >> shift) & 255) + 1];
-            for (int v = 0; v < 256; ++v) start[v + 1] += start[v];
-            for (size_t i = 0; i < keys.size(); ++i) {
-                const int64_t to = start[(keys[i] >> shift) & 255]++;
-                next_keys[to] = keys[i], next_order[to] = order[i];
-            }
-            keys.swap(next_keys), order.swap(next_order);
-        }
-    }
     int64_t coordinate(float v) const { return int64_t(std::floor(v * inverse)); }
     static constexpr int64_t most_columns = 8; // times the number of points: beyond, the rows are sought among all
 

@@ -311,9 +311,9 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
                           std::max(least_reach, usual_reach(points, count, places.data(), int64_t(places.size()), k)));
         least_reach = 4 * cells.size;
         // Queries of one cell follow one another and share their surroundings.
-        std::vector<std::pair<uint64_t, int>> order;
-        for (const int i : left) order.push_back({cells.key(queries[i]), i});
-        std::sort(order.begin(), order.end());
+        std::vector<uint64_t> keys;
+        for (const int i : left) keys.push_back(cells.key(queries[i]));
+        const std::vector<int> order = sort_keys(keys);
         const int64_t asking = int64_t(order.size());
         std::vector<uint8_t> answered(asking, 1);
         parallel_for((asking + block - 1) / block, threads, [&](int64_t b) {
@@ -321,8 +321,8 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
             bool known[3] = {};
             Nearest best(k);
             for (int64_t at = b * block; at < std::min(asking, (b + 1) * block); ++at) {
-                const int i = order[at].second;
-                if (at > b * block && order[at].first != order[at - 1].first) std::fill(known, known + 3, false);
+                const int i = left[order[at]];
+                if (at > b * block && keys[at] != keys[at - 1]) std::fill(known, known + 3, false);
                 for (int wide = 0; wide < 3 && (wide == 0 || !best.complete()); ++wide) {
                     if (!known[wide]) around[wide].look(cells, queries[i], 1 << wide), known[wide] = true;
                     best.search(around[wide].points, around[wide].order.data(), queries[i],
@@ -333,9 +333,10 @@ Neighbours nearest_neighbours(const Vec *points, int64_t count, const Vec *queri
                     out.point[i * k + n] = best.points[n], out.distance[i * k + n] = std::sqrt(best.squared[n]);
             }
         });
-        left.clear();
+        std::vector<int> unanswered;
         for (int64_t at = 0; at < asking; ++at)
-            if (!answered[at]) left.push_back(order[at].second);
+            if (!answered[at]) unanswered.push_back(left[order[at]]);
+        left.swap(unanswered);
     }
     return out;
 }
@@ -370,6 +371,50 @@ std::vector<double> neighbourhood_variances(const Vec *points, int64_t count, co
         for (int64_t q = b * block; q < std::min(asked, (b + 1) * block); ++q) measure(q);
     });
     return out;
+}
+
+std::vector<int64_t> first_occurrences(const double *rows, int64_t count) {
+    // A table of the rows by a hash of their bits (multiply and shift, after the finaliser of SplitMix64).
+    uint64_t size = 16;
+    while (size < 2 * uint64_t(count)) size *= 2;
+    std::vector<int64_t> table(size, -1), first;
+    first.reserve(count);
+    for (int64_t i = 0; i < count; ++i) {
+        const double *row = rows + 3 * i;
+        uint64_t hash = 0;
+        for (int c = 0; c < 3; ++c) {
+            const double value = row[c] + 0.; // makes -0 equal to 0 in its bits
+            uint64_t bits;
+            std::memcpy(&bits, &value, sizeof bits);
+            hash = (hash ^ hash >> 29) + bits;
+            hash *= 0x9E3779B97F4A7C15;
+        }
+        uint64_t at = (hash ^ hash >> 32) & (size - 1);
+        while (table[at] >= 0 && !std::equal(row, row + 3, rows + 3 * table[at])) at = (at + 1) & (size - 1);
+        if (table[at] < 0) table[at] = i, first.push_back(i);
+    }
+    return first;
+}
+
+std::vector<Vec> steps_around(const Vec *points, const Vec *normals, int64_t count, double step, int directions) {
+    std::vector<double> cosines, sines;
+    for (int k = 0; k < directions; ++k) {
+        const double angle = 2 * M_PI * k / directions;
+        cosines.push_back(step * std::cos(angle)), sines.push_back(step * std::sin(angle));
+    }
+    std::vector<Vec> ends;
+    ends.reserve(count * directions);
+    for (int64_t i = 0; i < count; ++i) {
+        const Vec n = normals[i];
+        // At right angles to the normal and to the axis that is least along it, and to both.
+        const float x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
+        Vec first = cross(n, x <= y && x <= z ? Vec{1, 0, 0} : y <= z ? Vec{0, 1, 0} : Vec{0, 0, 1});
+        first = (1 / norm(first)) * first;
+        const Vec second = cross(n, first);
+        for (int k = 0; k < directions; ++k)
+            ends.push_back(points[i] + float(cosines[k]) * first + float(sines[k]) * second);
+    }
+    return ends;
 }
 
 Plane dominant_plane(const Vec *points, const Vec *normals, int64_t count, float tolerance, int trials, uint64_t seed) {

@@ -23,6 +23,12 @@ LocalPlanes local_planes(const Vec *points, int64_t count, float radius, int thr
 // `radius`: the mean over sensors all around.
 std::vector<Vec> apparent_normals(const Vec *points, const Vec *normals, int64_t count, float radius, int threads);
 
+// The first of all equal ones among rows of three finite numbers, in their order.
+std::vector<int64_t> first_occurrences(const double *rows, int64_t count);
+
+// Where steps of one length end that lead from each point in so many directions, evenly around its tangential plane.
+std::vector<Vec> steps_around(const Vec *points, const Vec *normals, int64_t count, double step, int directions);
+
 // The `each` nearest of some points to every query, nearest first.
 struct Neighbours {
     int each = 0;

@@ -17,6 +17,7 @@ inline Vec operator*(float s, Vec a) { return {s * a.x, s * a.y, s * a.z}; }
 inline float dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline Vec cross(Vec a, Vec b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
 inline float norm(Vec a) { return std::sqrt(dot(a, a)); }
+inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 // One number for the cell (x, y, z) of a grid, in whose order its neighbours along z follow; 21 bits a side.
 inline uint64_t pack_cell(int64_t x, int64_t y, int64_t z) {

@@ -232,6 +232,20 @@ void bind_clouds(nb::module_ &m) {
         auto label = unlocked([&] { return components(vectors(points), points.shape(0), radius); });
         return to_numpy(std::move(label));
     }, "points"_a, "radius"_a);
+    m.def("retracted", [](In<double, nb::shape<4, 4>> placement, In<double, nb::shape<6>> twist) {
+        Rigid moved = read_placement(placement.data());
+        retract(moved, twist.data(), M_PI);
+        std::vector<double> out(16);
+        write_placement(moved, out.data());
+        return to_numpy(std::move(out), {4, 4});
+    }, "placement"_a, "twist"_a);
+    m.def("first_occurrences", [](In<double, nb::shape<-1, 3>> rows) {
+        return to_numpy(unlocked([&] { return first_occurrences(rows.data(), rows.shape(0)); }));
+    }, "rows"_a);
+    m.def("steps_around", [](Points points, Points normals, double step, int directions) {
+        require(points.shape(0) == normals.shape(0), "points and normals differ in length");
+        return to_numpy(steps_around(vectors(points), vectors(normals), points.shape(0), step, directions));
+    }, "points"_a, "normals"_a, "step"_a, "directions"_a);
     m.def("dominant_plane", [](Points points, Points normals, float tolerance, int trials, uint64_t seed) {
         require(points.shape(0) == normals.shape(0), "points and normals differ in length");
         auto plane = unlocked([&] {
@@ -325,6 +339,21 @@ void bind_model(nb::module_ &m) {
     type.def_prop_ro("limits", [](const Articulated &self) {
         return nb::make_tuple(to_numpy(std::vector<double>(self.lower)), to_numpy(std::vector<double>(self.upper)));
     }, nb::rv_policy::move);
+    type.def("closed",
+             [](const Articulated &self, const std::vector<int> &chain, Placements above, Placements below,
+                double open_turn, double open_slide, double beyond) {
+        require(chain.size() == 1 || chain.size() == 2, "a chain has one joint, or two");
+        for (const int part : chain) require(part > 0 && part < self.parts, "no joint holds such a part");
+        const auto T_above = read_placements(above), T_below = read_placements(below);
+        const size_t a = T_above.size(), b = T_below.size(), n = chain.size();
+        std::vector<double> values(a * b * n);
+        std::vector<uint8_t> fits(a * b);
+        for (size_t i = 0; i < a * b; ++i)
+            fits[i] =
+                self.close(chain, T_above[i / b], T_below[i % b], {open_turn, open_slide, beyond}, &values[n * i]);
+        return nb::make_tuple(to_numpy(std::move(values), {a, b, n}), to_numpy(std::move(fits), {a, b}));
+    },
+             "chain"_a, "above"_a, "below"_a, "open_turn"_a, "open_slide"_a, "beyond"_a);
     type.def("forward", [](const Articulated &self, Placements bases, Matrix values) {
         const auto configurations = read_configurations(self, bases, values);
         std::vector<double> out(16 * configurations.size() * self.parts);
@@ -384,11 +413,15 @@ void bind_field(nb::module_ &m) {
         other.unreturned = unreturned;
         return other;
     }, "unreturned"_a);
-    type.def("nearest", [](const ScanField &self, Points points) {
+    type.def("nearest", [](const ScanField &self, Points points, float reach) {
         std::vector<int> nearest(points.shape(0));
-        for (size_t i = 0; i < nearest.size(); ++i) nearest[i] = self.nearest(vectors(points)[i]);
+        for (size_t i = 0; i < nearest.size(); ++i) {
+            const Vec p = vectors(points)[i];
+            const int found = self.nearest(p);
+            nearest[i] = found >= 0 && norm(self.points[found].p - p) < reach ? found : -1;
+        }
         return to_numpy(std::move(nearest));
-    }, "points"_a);
+    }, "points"_a, "reach"_a = std::numeric_limits<float>::infinity());
 }
 
 void bind_search(nb::module_ &m) {

@@ -19,7 +19,6 @@ void up_of(const Rigid &base, const BasePrior::Direction &up, double *out) {
 void way_into(const BasePrior::Box &box, const double *t, double *way) {
     for (int i = 0; i < 3; ++i) way[i] = std::clamp(t[i], box.low[i], box.high[i]) - t[i];
 }
-double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 double squared(double x) { return x * x; }
 double share(double weight, double deviation) { return weight / (deviation * deviation); }
 } // namespace

@@ -1,4 +1,5 @@
 #include "scan_field.hpp"
+#include "ordering.hpp"
 #include "parallel.hpp"
 #include <algorithm>
 
@@ -19,14 +20,9 @@ std::vector<int> along_curve(const Vec *points, int64_t stride, int64_t count, V
     std::vector<uint64_t> keys(count);
     for (int64_t i = 0; i < count; ++i) {
         const Vec p = scale * (points[i * stride] - low);
-        const uint64_t key =
-            4 * spread_bits(uint32_t(p.x)) + 2 * spread_bits(uint32_t(p.y)) + spread_bits(uint32_t(p.z));
-        keys[i] = key << 32 | uint64_t(i);
+        keys[i] = 4 * spread_bits(uint32_t(p.x)) + 2 * spread_bits(uint32_t(p.y)) + spread_bits(uint32_t(p.z));
     }
-    std::sort(keys.begin(), keys.end());
-    std::vector<int> order(count);
-    for (int64_t i = 0; i < count; ++i) order[i] = int(keys[i] & 0xFFFFFFFF);
-    return order;
+    return sort_keys(keys);
 }
 
 ScanField::ScanField(std::vector<Vec> positions, std::vector<Vec> normals, std::vector<float> weights,

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pwralign_kin import kernels
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.read_only import ReadOnly, read_only
 from pwralign_kin.scan import readers
@@ -111,7 +112,7 @@ class Scan(ReadOnly):
         if not finite.any():
             raise EmptyScanError(self.source, f"none of the {len(given)} points is finite")
         kept = np.flatnonzero(finite)
-        kept = kept[_first_occurrences(given[kept])]
+        kept = kept[kernels.first_occurrences(given[kept])]
 
         self._set(
             n_input=len(given),
@@ -368,29 +369,6 @@ def checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
     if not valid or not np.allclose(K[2], [0.0, 0.0, 1.0]) or K[1, 0] != 0.0:
         raise ScanError(word, "intrinsics must be (fx, fy, cx, cy) or a 3x3 camera matrix, with positive focal lengths")
     return K
-
-
-def _first_occurrences(points: Array) -> NDArray[np.int64]:
-    """Return the sorted indices of the first occurrence of every distinct row of `points` (n, 3), all finite.
-
-    Rows are sorted by a 64-bit hash of their bits (multiply and shift, after the finaliser of SplitMix64) and
-    those of equal hash compared in full, which takes a quarter of the time of sorting by the coordinates.
-    """
-    word = np.uint64
-    bits = (points + 0.0).view(word)  # adding zero makes -0.0 equal to 0.0 in its bits
-    with np.errstate(over="ignore"):
-        digest = bits[:, 0] * word(0x9E3779B97F4A7C15)
-        digest = ((digest ^ (digest >> word(29))) + bits[:, 1]) * word(0xBF58476D1CE4E5B9)
-        digest = ((digest ^ (digest >> word(32))) + bits[:, 2]) * word(0x94D049BB133111EB)
-    order = np.argsort(digest)
-    starts = np.flatnonzero(np.diff(digest[order], prepend=~digest[order[0]]))
-    first_of_group = np.minimum.reduceat(order, starts)
-    leader = np.repeat(first_of_group, np.diff(starts, append=len(points)))
-    later = np.flatnonzero(order != leader)
-    repeats = later[(points[order[later]] == points[leader[later]]).all(axis=1)]
-    kept = np.ones(len(points), dtype=bool)
-    kept[order[repeats]] = False
-    return np.flatnonzero(kept)
 
 
 def cloud_frame(points: ArrayLike, sensor_origin: ArrayLike | None, source: str) -> Scan | Array:

@@ -185,6 +185,29 @@ def test_apparent_normals_of_what_is_no_surface_keep_to_their_side() -> None:
     assert (np.einsum("ij,ij->i", apparent, normals) > 0).all()
 
 
+def test_steps_around_points_are_even_and_along_the_surface() -> None:
+    points, normals = cloud(50), cloud(50, seed=1) - 0.5
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[:3] = np.eye(3)
+    steps = kernels.steps_around(points, normals, 0.2, 6).reshape(50, 6, 3) - points[:, None]
+    np.testing.assert_allclose(np.linalg.norm(steps, axis=2), 0.2, rtol=1e-5)
+    np.testing.assert_allclose(steps @ normals[:, :, None], 0.0, atol=1e-6)
+    # Of six steps all around, each is as far from the next as from the point.
+    np.testing.assert_allclose(np.linalg.norm(steps - np.roll(steps, 1, axis=1), axis=2), 0.2, rtol=1e-5)
+
+
+def test_placements_are_moved_by_twists_about_their_own_origin() -> None:
+    random = np.random.default_rng(0)
+    for size in (0.0, 1e-13, 0.1, 3.0):
+        placement = se3.exp(random.normal(size=6))
+        turn = random.normal(size=3)
+        twist = np.append(size * turn / np.linalg.norm(turn), random.normal(size=3))
+        expected = se3.exp(twist)
+        expected[:3, :3] = expected[:3, :3] @ placement[:3, :3]
+        expected[:3, 3] += placement[:3, 3]
+        np.testing.assert_allclose(kernels.retracted(placement, twist), expected, atol=1e-12)
+
+
 def test_openness_tells_the_outside_of_a_sphere() -> None:
     rng = np.random.default_rng(4)
     outward = rng.normal(size=(4000, 3))

@@ -69,11 +69,11 @@ class _Follower:
                 several = [(place, self._looking_as(part, place)) for place in self._places_for(part, taken)]
                 if not several:
                     return None
-                placements = np.concatenate([own for _, own in several])
-                ends = (placed[origin], placements) if part == chain.below else (placements, placed[origin])
-                found, fits = self.closing.values(chain.joints, *ends)
-                actuated = [joint.actuated for joint in chain.joints]
-                fits &= ((np.abs(found - values[actuated]) < BEYOND) | ~told[actuated]).all(axis=1)
+                placements, at = np.concatenate([own for _, own in several]), placed[origin][None]
+                ends = (at, placements) if part == chain.below else (placements, at)
+                found, fits = (own.reshape(len(placements), -1) for own in self.closing.values(chain, *ends))
+                actuated = chain.actuated
+                fits &= ((np.abs(found - values[actuated]) < BEYOND) | ~told[actuated]).all(axis=1, keepdims=True)
                 if not fits.any():
                     return None
                 chosen = int(np.argmax(fits))

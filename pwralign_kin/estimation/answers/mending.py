@@ -128,9 +128,9 @@ class _Mender:
         turns = np.concatenate([self.symmetry.replacements(part, part)[1:], self.symmetry.nearly[part]])
         if len(turns) == 0:
             return answer.take(slice(0, 0))
-        found, fits = self.closing.values(chain.joints, placements[chain.above], placements[part] @ turns)
+        found, fits = self.closing.values(chain, placements[[chain.above]], placements[part] @ turns)
         values = np.tile(answer.values, (int(fits.sum()), 1))
-        values[:, [joint.actuated for joint in chain.joints]] = found[fits]
+        values[:, chain.actuated] = found[fits]
         return Candidates(np.tile(answer.bases, (len(values), 1, 1)), values, np.zeros(len(values), np.float32))
 
     def _regrown(self, several: Candidates, above: int, cut: int) -> Candidates:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin import kernels
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import Float, ScanComparison
-from pwralign_kin.se3 import Array
 
 STARTS, DIRECTIONS = 1000, 8
 """Scan points on the model, at most, that a step is taken from in every direction along the surface."""
@@ -82,18 +82,16 @@ def continued_beside(comparison: ScanComparison, candidate: Candidates, distance
         return 0.0
     points, normals = observation.points[starts], observation.normals[starts]
     step = max(STEP, SPACINGS * observation.spacing)
-    ends = (points[:, None] + step * _directions(normals)).reshape(-1, 3).astype(np.float32)
+    ends = kernels.steps_around(points, normals, step, DIRECTIONS)
     reach = comparison.reach + BEYOND
     placements = comparison.part_placements(candidate)[0]
     off = np.flatnonzero(comparison.assigned(ends, placements, comparison.exists, 1.01 * reach)[0] > reach)
-    start, end = off // DIRECTIONS, ends[off]
-    follower = observation.field.nearest(np.ascontiguousarray(end))
-    follows = (follower >= 0) & (distances[follower] > comparison.reach)
+    follower = observation.field.nearest(ends[off], max(AROUND, AROUND_SPACINGS * observation.spacing))
+    goes_on = (follower >= 0) & (distances[follower] > comparison.reach)
+    start, follower = off[goes_on] // DIRECTIONS, follower[goes_on]
     following, turned = observation.points[follower], observation.normals[follower]
-    around = max(AROUND, AROUND_SPACINGS * observation.spacing)
-    follows &= np.linalg.norm(following - end, axis=1) < around
     away = np.abs(np.einsum("ij,ij->i", following - points[start], normals[start]))
-    follows &= away < TOLERANCE + NOISES * observation.noise
+    follows = away < TOLERANCE + NOISES * observation.noise
     follows &= np.abs(np.einsum("ij,ij->i", turned, normals[start])) > SAME_PLANE
     return float(follows.sum() / max(len(off), LEAST_STEPS))
 
@@ -105,15 +103,3 @@ def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:
     share = np.cumsum(areas[points], dtype=float)
     drawn = np.searchsorted(share / share[-1], (np.arange(STARTS) + 0.5) / STARTS)
     return np.asarray(points[np.unique(np.minimum(drawn, len(points) - 1))])
-
-
-def _directions(normals: Float) -> Array:
-    """Return unit vectors (n, `DIRECTIONS`, 3) around the planes of the normals (n, 3)."""
-    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(normals, least)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
-    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    return np.asarray(
-        np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None], dtype=np.float64
-    )

@@ -142,9 +142,9 @@ class _Reader:
     def _closed(self, chain: Chain, closing: JointClosing) -> tuple[Array, Array]:
         """Return how far (a, b) each way of the part below is displaced when the joints hold it to each way of the part
         above, and the values (a, b, joints) that they take."""
-        above, below = self.ways[chain.above][0][:, None], self.ways[chain.below][0]
-        values = closing.values(chain.joints, above, below)[0].reshape(len(above), len(below), -1)
-        off = closing.placed(chain.joints, above, values) - below
+        above, below = self.ways[chain.above][0], self.ways[chain.below][0]
+        values = closing.values(chain, above, below)[0]
+        off = closing.placed(chain.joints, above[:, None], values) - below
         probes = self.comparison.surfaces[chain.below].samples[:PROBES].astype(float)
         moved = probes @ np.swapaxes(off[..., :3, :3], -1, -2) + off[..., None, :3, 3]
         return np.linalg.norm(moved, axis=-1).mean(axis=-1), values

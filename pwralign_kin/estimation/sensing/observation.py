@@ -219,7 +219,7 @@ def observe(
         unreturned=1.0,
         threads=threads,
     )
-    given, given_normals = as_given(raw, cell, field, points, normals, options)
+    given, given_normals = as_given(raw, cell, field, normals, options)
     return Observation(
         points=points,
         normals=normals,
@@ -262,10 +262,15 @@ def without_far_points(scan: Scan, reach: float) -> Scan:
 
 def median(values: NDArray[Any]) -> float:
     """Return the median of finite numbers, in half of the time that NumPy's own takes, which looks for NaNs first."""
-    middle = len(values) // 2
-    ordered = np.partition(values, middle)
-    below = ordered[middle] if len(values) % 2 else ordered[:middle].max()
-    return float(below + ordered[middle]) / 2.0
+    return float(medians(values))
+
+
+def medians(values: NDArray[Any]) -> Array:
+    """Return the medians (...) of finite numbers (..., n)."""
+    count, middle = values.shape[-1], values.shape[-1] // 2
+    ordered = np.partition(values, middle, axis=-1)
+    below = ordered[..., middle] if count % 2 else ordered[..., :middle].max(axis=-1)
+    return np.asarray((below + ordered[..., middle]) / 2.0)
 
 
 def normals_of(
@@ -334,9 +339,9 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], field: Any, points: Float, normals: Float, options: ObservationOptions
+    raw: Float, cell: NDArray[np.int32], field: Any, normals: Float, options: ObservationOptions
 ) -> tuple[Float, Float]:
-    """Return raw points, few of each `cell`, with the normals of the prepared `points` that `field` finds near.
+    """Return raw points, few of each `cell`, with the `normals` of the prepared points that `field` finds near.
 
     Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
     point of their own cell or the next.
@@ -345,21 +350,19 @@ def as_given(
     given = raw[kernels.first_of_cells(cell, order, options.given_per_cell)]
     if len(given):
         given = given[kernels.along_curve(given)]  # neighbours next to each other are looked up together
-    nearest, near = _nearest_prepared(given, field, points, options)
+    nearest = field.nearest(given, _nearby(options))
+    near = nearest >= 0
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
 
 def was_prepared(observation: Observation, points: Array, options: ObservationOptions) -> NDArray[np.bool_]:
     """Return which points (n, 3) of the scan (m) have a prepared point near: strays and a removed plane have none."""
-    return _nearest_prepared(observation.scaled(points), observation.field, observation.points, options)[1]
+    return np.asarray(observation.field.nearest(observation.scaled(points), _nearby(options)) >= 0)
 
 
-def _nearest_prepared(
-    given: Float, field: Any, points: Float, options: ObservationOptions
-) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return the index of the prepared point nearest to each given one, and whether it is of its cell or the next."""
-    nearest = field.nearest(given)
-    return nearest, (nearest >= 0) & (np.linalg.norm(given - points[nearest], axis=1) < 2 * options.voxel)
+def _nearby(options: ObservationOptions) -> float:
+    """Return within what distance a prepared point is of a given one's cell or the next."""
+    return 2 * options.voxel
 
 
 def noise_of(points: Float, threads: int) -> float:
@@ -389,18 +392,18 @@ def noise_of(points: Float, threads: int) -> float:
 def _without_curvature(counts: NDArray[np.int64], across: Array, power: int) -> float:
     """Return the standard deviation that variances across planes or lines through `counts` neighbours tend to at none,
     as curvature grows with a `power` of the counts."""
-    terms = np.stack([np.ones(len(counts)), counts**power], axis=1)
-    # Each variance is known to the same relative accuracy.
-    scale = 1.0 / np.maximum(across, 1e-18)
-    (variance, _), *_ = np.linalg.lstsq(terms * scale[:, None], np.ones(len(counts)), rcond=None)
-    return float(np.sqrt(max(variance, 0.0)))
+    # A line by least squares, each variance known to the same relative accuracy.
+    constant = 1.0 / np.maximum(across, 1e-18)
+    growing = counts**power * constant
+    apart = constant - (constant @ growing) / (growing @ growing) * growing
+    return float(np.sqrt(max(apart.sum() / (apart @ constant), 0.0)))
 
 
 def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array, float]:
     """Return per count of neighbours the median variances across and along planes through so many about `chosen`, and
     the median share of the latter, of the fewest, in the variance at right angles to both."""
     variances = kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads)
-    thin, wide = np.array([[median(own) for own in both[:2]] for both in variances]).T
+    thin, wide = medians(variances[:, :2]).T
     slender = median(variances[0, 1] / np.maximum(variances[0, 2], 1e-18))
     # The median of a chi-square distribution lies below its mean (Wilson and Hilferty's approximation).
     return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide, slender

@@ -263,9 +263,7 @@ def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: Sc
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
     mine = of_model[cells.of_point]
-    given, given_normals = preparation.as_given(
-        cells.raw[mine], cells.of_point[mine], field, points, normals, preparing
-    )
+    given, given_normals = preparation.as_given(cells.raw[mine], cells.of_point[mine], field, normals, preparing)
     return Observation(
         points=points,
         normals=normals,

@@ -10,7 +10,6 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin import se3
-from pwralign_kin.estimation.search.joint_closing import turned_about
 from pwralign_kin.model.symmetry import find_symmetry
 from pwralign_kin.simulation import FULL, SimulatedScan
 
@@ -82,21 +81,6 @@ def test_mirror_images_do_not_look_alike(tmp_path: Path) -> None:
     path = tmp_path / "hands.urdf"
     path.write_text(WALKER.replace("0 -0.13 -0.33", "0.04 -0.13 -0.33").replace("0 0.13 -0.33", "0.04 0.13 -0.33"))
     assert find_symmetry(pk.ArticulatedModel.from_urdf(path).surfaces).kind.tolist() == [0, 1, 2]
-
-
-def test_a_rotation_is_split_into_its_turn_about_an_axis_and_the_rest() -> None:
-    axis = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
-    across = np.cross(axis, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(axis, [0.0, 0.0, 1.0]))
-    turns, rests = np.array([-3.0, -1.0, 0.0, 2.0, 3.1]), np.array([0.0, 0.4, 1.0, 0.2, 0.1])
-    R = np.array(
-        [
-            se3.rotation_about(across, rest) @ se3.rotation_about(axis, turn)
-            for turn, rest in zip(turns, rests, strict=True)
-        ]
-    )
-    angle, rest = turned_about(R, axis)
-    np.testing.assert_allclose(angle, turns, atol=1e-12)
-    np.testing.assert_allclose(rest, rests, atol=1e-7)
 
 
 PLATE = '<visual><origin xyz="0.27 0 0.06"/><geometry><box size="0.05 0.2 0.01"/></geometry></visual>'

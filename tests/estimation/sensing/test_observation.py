@@ -132,6 +132,16 @@ def test_every_bit_of_surface_counts_alike_however_densely_it_was_seen() -> None
     assert 0.45 < (observation.given[:, 0] + observation.centre[0] > 0).mean() < 0.55
 
 
+def test_the_field_names_points_within_reach_only() -> None:
+    ready = prepared(sphere(4000))
+    beside = np.ascontiguousarray(ready.points + 0.02 * ready.normals)
+    nearest = ready.field.nearest(beside, 0.04)
+    assert (np.linalg.norm(ready.points[nearest] - beside, axis=1) < 0.04).all()
+    assert (nearest >= 0).all()
+    assert (ready.field.nearest(beside, 0.015) == -1).all()
+    assert (ready.field.nearest(beside) >= 0).all()
+
+
 def test_placements_convert_back_and_forth() -> None:
     observation = prepared(sphere(3000) + np.array([5.0, 6.0, 7.0]))
     T = np.eye(4)
