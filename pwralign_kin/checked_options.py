@@ -63,8 +63,10 @@ class CheckedOptions:
         """Check the fields and turn NumPy's numbers into plain ones, which JSON takes. Raises `OptionError`."""
         hints = _hints(type(self))  # type: ignore[arg-type]
         for own in fields(self):  # type: ignore[arg-type]
-            name = f"{type(self).__name__}.{own.name}"
-            object.__setattr__(self, own.name, _checked(name, getattr(self, own.name), hints[own.name]))
+            value = getattr(self, own.name)
+            if value is not own.default:
+                name = f"{type(self).__name__}.{own.name}"
+                object.__setattr__(self, own.name, _checked(name, value, hints[own.name]))
 
 
 def check_increasing(options: CheckedOptions, *names: str) -> None:

@@ -74,8 +74,9 @@ def rotation_vector(R: Array) -> Array:
 def orthonormalised(T: Array) -> Array:
     """Return `T` (4, 4) with its rotation replaced by the nearest one (polar decomposition)."""
     U, _, Vt = np.linalg.svd(T[:3, :3])
+    U[:, 2] *= np.linalg.det(U @ Vt)
     out = np.eye(4)
-    out[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    out[:3, :3] = U @ Vt
     out[:3, 3] = T[:3, 3]
     return out
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pwralign_kin.dependencies import pinocchio
 from pwralign_kin.exceptions import ModelError
@@ -50,19 +51,21 @@ class Kinematics:
         self._idx_q = np.array([joint.idx_q for joint in pinocchio_joints], dtype=np.int64)
         self._idx_v = np.array([joint.idx_v for joint in pinocchio_joints], dtype=np.int64)
         self._circle = np.array([joint.nq == 2 for joint in pinocchio_joints], dtype=bool)
-        # The moving joints in the order of the actuated ones that move them, and where those of each begin.
+        # The moving joints in the order of the actuated ones that move them, where those of each begin, and where the
+        # entries of their twists, turns first, stand in Pinocchio's Jacobian.
         moved_by = np.array([joint.actuated for joint in moving], dtype=np.int64)
         order = np.argsort(moved_by, kind="stable")
-        self._columns = self._idx_v[order]
-        self._multipliers = np.array([joint.multiplier for joint in moving])[order]
         self._starts = np.searchsorted(moved_by[order], np.arange(actuated))
-        self._supports = np.zeros((len(self.ids), self.model.nv))
+        self._entries = self._idx_v[order] + self.model.nv * np.array([3, 4, 5, 0, 1, 2])[:, None]
+        supports = np.zeros((len(self.ids), self.model.nv))
         for part, index in enumerate(self.ids):
             for joint in self.model.supports[int(index)]:
                 first = self.model.joints[joint].idx_v
-                self._supports[part, first : first + self.model.joints[joint].nv] = joint > 0
-        self._supports = self._supports[:, self._columns]
-        self._workspace = threading.local()
+                supports[part, first : first + self.model.joints[joint].nv] = joint > 0
+        self._rates = supports[:, None, self._idx_v[order]] * np.array([joint.multiplier for joint in moving])[order]
+        """(n_parts, 1, n_parts - 1) by how much each of them moves each part, against its own value."""
+
+        self._local = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as the recipe: Pinocchio's objects stay in their process."""
@@ -78,24 +81,22 @@ class Kinematics:
 
     def placements(self, values: Array) -> Array:
         """Return (n_parts, 4, 4) placements of the parts in the root link's frame."""
-        data = self._data()
-        pinocchio().forwardKinematics(self.model, data, self.configuration(values))
-        return self._placed(data)
+        workspace = self._workspace_here()
+        pinocchio().forwardKinematics(self.model, workspace.data, self.configuration(values))
+        return workspace.placements()
 
     def placements_and_twists(self, values: Array) -> tuple[Array, Array]:
         """Return (n_parts, 4, 4) placements, and (n_parts, 6, k) twists of the parts by the actuated values.
 
         Rows 0-2 are angular, 3-5 linear velocity of what is at the root link's origin, root axes.
         """
-        data = self._data()
+        workspace = self._workspace_here()
         # Each column is the twist of one joint; a part has those of the joints between it and the root.
-        columns = pinocchio().computeJointJacobians(self.model, data, self.configuration(values))
-        columns = columns.reshape(6, self.model.nv)  # Pinocchio gives a vector where there is one joint
-        columns = np.concatenate([columns[3:], columns[:3]])[:, self._columns] * self._multipliers
-        twists = columns * self._supports[:, None]
-        if len(self._starts) < len(self._columns):  # mimic joints
+        columns = pinocchio().computeJointJacobians(self.model, workspace.data, self.configuration(values))
+        twists = columns.ravel()[self._entries] * self._rates
+        if len(self._starts) < twists.shape[2]:  # mimic joints
             twists = np.add.reduceat(twists, self._starts, axis=2)
-        return self._placed(data), twists
+        return workspace.placements(), twists
 
     def jacobians(self, values: Array) -> Array:
         """Return (n_parts, 6, k): rows 0-2 angular, 3-5 linear velocity of each part's origin, root axes."""
@@ -103,11 +104,22 @@ class Kinematics:
         J[:, 3:] -= skew(placements[:, :3, 3]) @ J[:, :3]
         return J
 
-    def _placed(self, data: Any) -> Array:
-        return np.array([data.oMi[int(index)].homogeneous for index in self.ids])
+    def _workspace_here(self) -> _Workspace:
+        """Return the workspace of this thread: making one costs as much as the kinematics."""
+        if not hasattr(self._local, "workspace"):
+            self._local.workspace = _Workspace(self.model, self.ids)
+        workspace: _Workspace = self._local.workspace
+        return workspace
 
-    def _data(self) -> Any:
-        """Pinocchio's workspace, one a thread: making one costs as much as the kinematics."""
-        if not hasattr(self._workspace, "data"):
-            self._workspace.data = self.model.createData()
-        return self._workspace.data
+
+class _Workspace:
+    """What Pinocchio computes with."""
+
+    def __init__(self, model: Any, ids: NDArray[np.int64]) -> None:
+        self.data: Any = model.createData()
+        # Pinocchio's own placements of the parts, not copies: to look one up takes longer than to read it.
+        self._placed = [self.data.oMi[int(index)] for index in ids]
+
+    def placements(self) -> Array:
+        """Return the placements (n_parts, 4, 4) that were computed last."""
+        return np.array([placement.homogeneous for placement in self._placed])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations, product
 from typing import Any
 
@@ -52,11 +52,14 @@ class Symmetry:
     """Per part (m, 4, 4) the other turns about its middle that nearly do, ..."""
     nearly_off: tuple[Array, ...]
     """... and (m,) the mean distances that they leave."""
+    _replacements: dict[tuple[int, int], Array] = field(default_factory=dict, compare=False, repr=False)
 
     def replacements(self, part: int, place: int) -> Array:
         """Return the motions (m, 4, 4) after which `part`, in the frame of `place`, looks as `place` does."""
-        turns = self.turns[self.kind[part]]
-        return np.asarray(inverse(self.to_kind[place]) @ turns @ self.to_kind[part])
+        if (part, place) not in self._replacements:
+            turns = self.turns[self.kind[part]]
+            self._replacements[part, place] = np.asarray(inverse(self.to_kind[place]) @ turns @ self.to_kind[part])
+        return self._replacements[part, place]
 
 
 def find_symmetry(surfaces: Sequence[Surface]) -> Symmetry:

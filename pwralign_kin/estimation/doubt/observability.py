@@ -110,11 +110,8 @@ def _displaced(solver: JointLeastSquares, solution: Solution, absent: NDArray[np
     counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
     seen, part = seen[counted[part]], part[counted[part]]
     about = solution.base[:3, 3]
-    moved = np.tile(seen, (len(motions), 1, 1))
-    turned = exp(motions @ np.swapaxes(twists, 1, 2))  # (parts, n, 4, 4)
-    for index in np.flatnonzero(np.bincount(part)):
-        own, T = part == index, turned[index]
-        moved[:, own] = (seen[own] - about) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] + about
+    T = np.swapaxes(exp(motions @ np.swapaxes(twists, 1, 2))[part], 0, 1)  # (n, points, 4, 4)
+    moved = (T[..., :3, :3] @ (seen - about)[..., None])[..., 0] + T[..., :3, 3] + about
     away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
     points = np.ascontiguousarray(moved[away], np.float32)
     closest, near = kernels.closest_on_meshes(meshes, placements, points, ON_PART, threads)

@@ -9,6 +9,7 @@ points. CasADi solves it; a new set of correspondences follows each step (Gauss-
 from __future__ import annotations
 
 import logging
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import se3
+from pwralign_kin import kernels, se3
 from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Threshold
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -283,11 +284,11 @@ class JointLeastSquares:
         g[6:] = (known.values - values) / known.std**2
         return Prior(H, g)
 
-    def solve(self, problem: Problem, values: Array) -> Array:
-        """Return the bounded step (6 + k,)."""
+    def solve(self, problem: Problem, low: Array, high: Array) -> Array:
+        """Return the step (6 + k,) within its bounds."""
         H = problem.H + problem.prior.H / problem.evidence
         g = problem.g + problem.prior.g / problem.evidence
-        return bounded_step(H, g, *self.step_bounds(values), self.options.damping)
+        return bounded_step(H, g, low, high, self.options.damping)
 
     def step_bounds(self, values: Array) -> tuple[Array, Array]:
         """Return the least and the largest step (6 + k,) from `values`."""
@@ -313,27 +314,24 @@ class JointLeastSquares:
         before, stretch = np.zeros(6 + len(values)), 1.0
         while not converged and iterations < self.options.iterations:
             iterations += 1
+            low, high = self.step_bounds(values)
             try:
-                step = self.solve(problem, values)
+                step = self.solve(problem, low, high)
             except np.linalg.LinAlgError as error:
                 logger.warning("%s: the answer has not converged", error)
                 break
             converged = problem.displacement(step) < self.options.tolerance
             stretch = 1.0 if converged else stretched(problem.H, before, step, stretch)
             before = step
-            base, values = self.stepped(base, values, np.clip(stretch * step, *self.step_bounds(values)))
+            base, values = self.stepped(base, values, np.clip(stretch * step, low, high))
             # Unknowns that the scan hardly tells may move far without displacing what is matched.
             if not (converged and np.abs(step).max() < SHORT):
                 problem = self.build(base, values, sigma)
-        return Solution(se3.orthonormalised(base), values, problem, converged, iterations)
+        return Solution(base, values, problem, converged, iterations)
 
     def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
         """Return the configuration after a step (6 + k,)."""
-        move = se3.exp(step[:6])
-        moved = base.copy()
-        moved[:3, :3] = move[:3, :3] @ base[:3, :3]
-        moved[:3, 3] += move[:3, 3]
-        return moved, self.limited(values + step[6:])
+        return kernels.retracted(base, step[:6]), self.limited(values + step[6:])
 
     def limited(self, values: Array) -> Array:
         """Return values within the limits: wrapped where a full turn changes nothing, else clamped."""
@@ -392,30 +390,43 @@ def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) ->
 
     Raises `LinAlgError` where there is none: `H` is not positive definite, or a number not finite.
     """
-    size = len(g)
-    # Memory that the solver reads and writes: conversions to its own matrices take ten times as long as the problem.
-    x = np.empty(size)
-    given = {"h": H + np.diag(damping + 1e-4 * np.diag(H)), "g": -g, "lbx": low, "ubx": high}
-    numbers = {name: np.ascontiguousarray(values, np.float64).ravel() for name, values in given.items()}
-    solver = _quadratic_program(size)
-    buffer, evaluate = solver.buffer()
-    for name, values in numbers.items():
-        buffer.set_arg(solver.index_in(name), values.data)
-    buffer.set_res(solver.index_out("x"), x.data)
-    evaluate()
-    if not (np.isfinite(x).all() and buffer.stats()["success"]):
+    program = _quadratic_program(len(g), threading.get_ident())
+    program.h[:], program.g[:], program.lbx[:], program.ubx[:] = H, -g, low, high
+    program.h.flat[:: len(g) + 1] += damping + 1e-4 * H.diagonal()
+    if not program.solve():
         raise np.linalg.LinAlgError("a bounded step of the least squares has no solution")
-    return x
+    return program.x.copy()
+
+
+class _QuadraticProgram:
+    """CasADi's solver of a dense quadratic program with simple bounds: 1/2 x'hx + g'x with x from lbx to ubx.
+
+    It reads and writes memory of ours: conversions to its own matrices take ten times as long as the problem.
+    """
+
+    def __init__(self, size: int) -> None:
+        import casadi
+
+        solver: Any = casadi.conic(
+            "step",
+            "daqp",
+            {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)},
+            {"error_on_fail": False},
+        )
+        self.h = np.empty((size, size))
+        self.g, self.lbx, self.ubx, self.x = np.empty((4, size))
+        self._buffer, self._evaluate = solver.buffer()
+        for name in ("h", "g", "lbx", "ubx"):
+            self._buffer.set_arg(solver.index_in(name), getattr(self, name).data)
+        self._buffer.set_res(solver.index_out("x"), self.x.data)
+
+    def solve(self) -> bool:
+        """Set x to the solution; return whether there is one."""
+        self._evaluate()
+        return bool(np.isfinite(self.x).all() and self._buffer.stats()["success"])
 
 
 @lru_cache(maxsize=64)
-def _quadratic_program(size: int) -> Any:
-    """Return CasADi's solver of a dense quadratic program with simple bounds."""
-    import casadi
-
-    return casadi.conic(
-        "step",
-        "daqp",
-        {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)},
-        {"error_on_fail": False},
-    )
+def _quadratic_program(size: int, _thread: int) -> _QuadraticProgram:
+    """Return the solver of one thread: no two share its memory."""
+    return _QuadraticProgram(size)

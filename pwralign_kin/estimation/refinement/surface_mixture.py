@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin import kernels, se3
+from pwralign_kin import kernels
 from pwralign_kin.estimation.refinement.joint_least_squares import (
     Blur,
     JointLeastSquares,
@@ -153,4 +153,4 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
     at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(solver.residual(at.base, at.values)))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
-    return Solution(se3.orthonormalised(at.base), at.values, problem, ended, steps)
+    return Solution(at.base, at.values, problem, ended, steps)

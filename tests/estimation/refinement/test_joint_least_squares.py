@@ -110,7 +110,7 @@ def test_steps_respect_bounds_that_bind(
     bounded = JointLeastSquares(arm, comparison, arm.lower / unit, upper, LeastSquaresOptions())
     start = np.minimum(values, upper)
     problem = bounded.build(base, start, SIGMA)
-    assert (start + bounded.solve(problem, start)[6:] <= upper + 1e-9).all()
+    assert (start + bounded.solve(problem, *bounded.step_bounds(start))[6:] <= upper + 1e-9).all()
     result = bounded.run(base, start)
     assert result.values[1] == pytest.approx(upper[1], abs=1e-6)
 
