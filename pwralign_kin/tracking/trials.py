@@ -17,7 +17,7 @@ from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
-TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 4
+TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 6
 """So many trials of a joint end them unless others fit as well, after so many it is believed, and waits between them
 double so often."""
 
