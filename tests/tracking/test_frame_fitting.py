@@ -15,7 +15,7 @@ def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, mov
     tracker.update(moving[0].images[0], 0.0)
     native, motion = tracker._fitting.native, tracker._motion
     assert motion is not None
-    base = tracker._fitting.inward(motion.T)[None]
+    base = tracker._fitting.inward(motion.T_scan_base)[None]
     for varied in ([0, 1], [1, 1]):
         rows = motion.values + np.linspace(-0.6, 0.6, 7)[:, None] * varied
         judged = [native.judge(base, row, 0.01) for row in rows]
@@ -30,7 +30,7 @@ def test_a_part_has_no_points_of_its_own_where_others_are(arm: pk.ArticulatedMod
     for frame, shown in ((moving[1].images[0], True), (forearm_hidden(arm, moving[2]), False)):
         tracker.update(frame, 0.1 if shown else 0.2)
         assert tracker._motion is not None
-        base = tracker._fitting.inward(tracker._motion.T)[None]
+        base = tracker._fitting.inward(tracker._motion.T_scan_base)[None]
         own = tracker._fitting.native.own(base, tracker._motion.values, 0.01)
         assert own[0] > 20.0 and (own[1] > 20.0) == shown and own[0] >= own[1]
 
