@@ -17,7 +17,7 @@ import pytest
 from command_line import Call
 
 from pwralign_kin import State, dependencies
-from pwralign_kin.cli import EXAMPLES, VERBS
+from pwralign_kin.cli import EXAMPLES, VERBS, _app
 from pwralign_kin.cli.simulate import SensorOptions
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.model import ArticulatedModel
@@ -77,6 +77,14 @@ def test_the_help_of_estimate_groups_its_options_and_shows_examples(pwralign: Ca
     for option, before in (("--out", 1), ("--gravity", 2), ("--near", 3), ("--xacro-arg", 4)):
         assert places[before - 1] < text.index(f"│ {option} ") < places[before]
     assert all(f"Example: {example}" in text for example in EXAMPLES["estimate"])
+
+
+@pytest.mark.parametrize("verb", EXAMPLES)
+def test_examples_of_the_help_are_commands_that_there_are(verb: str) -> None:
+    for example in EXAMPLES[verb]:
+        program, *tokens = example.split()
+        command, bound, _ = _app().parse_args(tokens, exit_on_error=False, print_error=False)
+        assert program == "pwralign" and command.__name__ == verb and bound.arguments
 
 
 def test_help_comes_at_once() -> None:
