@@ -731,6 +731,11 @@ PinholeView read_view(const Matrix &K, double scale, const Placements &camera, s
     return {k[0], k[4], k[2], k[5], k[1], scale, read_placement(camera.data()), int(height), int(width)};
 }
 
+void require_configuration(const Tracking &self, const Placements &base, const Doubles &values) {
+    require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
+            "one base and one value per joint are needed");
+}
+
 void bind_tracking(nb::module_ &m) {
     m.def("explained_within", &explained_within, "noise"_a);
     nb::class_<TrackingJudgement>(m, "TrackingJudgement")
@@ -749,8 +754,7 @@ void bind_tracking(nb::module_ &m) {
     type.def(
         "expect",
         [](Tracking &self, Placements base, Doubles values, Doubles centre, double unit, Doubles sensor, float margin) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
-                "one base and one value per joint are needed");
+        require_configuration(self, base, values);
         require(centre.size() == 3 && (sensor.size() == 0 || sensor.size() == 3) && unit > 0,
                 "a centre and a sensor have three coordinates");
         self.expect(read_placement(base.data()), values.data(), centre.data(), unit,
@@ -805,8 +809,7 @@ void bind_tracking(nb::module_ &m) {
         return to_numpy(std::vector<double>(self.information), {size, size});
     }, nb::rv_policy::move);
     type.def("judge", [](Tracking &self, Placements base, Doubles values, float tolerance) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
-                "one base and one value per joint are needed");
+        require_configuration(self, base, values);
         return unlocked([&] { return self.judge(read_placement(base.data()), values.data(), tolerance); });
     }, "base"_a, "values"_a, "tolerance"_a);
     type.def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); },
@@ -820,8 +823,8 @@ void bind_tracking(nb::module_ &m) {
     type.def_prop_ro("shown", [](const Tracking &self) { return to_numpy(std::vector<float>(self.shown)); },
                      nb::rv_policy::move);
     type.def("own", [](Tracking &self, Placements base, Doubles values, float tolerance) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints && tolerance > 0,
-                "one base, one value per joint and a tolerance are needed");
+        require_configuration(self, base, values);
+        require(tolerance > 0, "a tolerance is needed");
         std::vector<float> points;
         unlocked([&] { self.own(read_placement(base.data()), values.data(), tolerance, points); });
         return to_numpy(std::move(points));
@@ -838,9 +841,8 @@ void bind_tracking(nb::module_ &m) {
         return to_numpy(std::move(against));
     }, "base"_a, "values"_a, "varied"_a, "tolerance"_a);
     type.def("sweep", [](Tracking &self, Placements base, Doubles values, int variable, double range, float sigma) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints && variable >= 0 &&
-                    variable < 6 + self.model.joints,
-                "one base, one value per joint and one of these variables are needed");
+        require_configuration(self, base, values);
+        require(variable >= 0 && variable < 6 + self.model.joints, "no such variable");
         std::vector<double> changes;
         std::vector<float> scores;
         unlocked(

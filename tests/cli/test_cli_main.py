@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -89,11 +88,13 @@ def test_examples_of_the_help_are_commands_that_there_are(verb: str) -> None:
 
 def test_help_comes_at_once() -> None:
     def seconds() -> float:
-        start = time.perf_counter()
+        """Of the processor: other work on the machine makes it wait, but is not its fault."""
+        before = os.times()
         subprocess.run([Path(sys.executable).parent / "pwralign", "--help"], check=True, capture_output=True)
-        return time.perf_counter() - start
+        after = os.times()
+        return after.children_user + after.children_system - before.children_user - before.children_system
 
-    assert min(seconds() for _ in range(3)) < 1.0
+    assert 0.0 < min(seconds() for _ in range(3)) < 1.0
 
 
 def test_help_loads_no_heavy_library() -> None:
