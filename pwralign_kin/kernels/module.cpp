@@ -822,13 +822,6 @@ void bind_tracking(nb::module_ &m) {
                      nb::rv_policy::move);
     type.def_prop_ro("shown", [](const Tracking &self) { return to_numpy(std::vector<float>(self.shown)); },
                      nb::rv_policy::move);
-    type.def("own", [](Tracking &self, Placements base, Doubles values, float tolerance) {
-        require_configuration(self, base, values);
-        require(tolerance > 0, "a tolerance is needed");
-        std::vector<float> points;
-        unlocked([&] { self.own(read_placement(base.data()), values.data(), tolerance, points); });
-        return to_numpy(std::move(points));
-    }, "base"_a, "values"_a, "tolerance"_a);
     type.def("weigh", [](Tracking &self, Placements base, Matrix values, Bytes varied, float tolerance) {
         require(base.shape(0) == 1 && int(values.shape(1)) == self.model.joints &&
                     int(varied.size()) == self.model.joints && tolerance > 0,

@@ -10,7 +10,8 @@ constexpr int64_t most_pixels = 131072;  // the same of an image, where most may
 constexpr int candidates_per_point = 4;  // points around the model that are thinned to one
 constexpr float reach = .03f;            // a sample nearer to a point is supported, diagonals
 constexpr float occluder_gap = .04f;     // what is nearer to the sensor by more than this hides a sample
-constexpr float depth_edge = .03f;       // neighbouring pixels farther apart may be mixed
+constexpr float depth_edge = .03f;       // pixels beside one that are farther apart show two surfaces, ...
+constexpr float mixed_pixel = .01f;      // ... and one that is so far from either may lie between both
 constexpr int judged_samples = 64;       // per part
 constexpr int swept_samples = 24;        // per part
 constexpr float matched_distance = .02f; // a point nearer to the model is matched in the last iterations
@@ -60,10 +61,6 @@ Tracking::Tracking(const Articulated &model, int points, float cell)
     reduced.resize(size * size), stopped.resize(model.joints);
     explained.resize(model.parts), strays.resize(model.parts), visible.resize(model.parts), shown.resize(model.parts);
     moved.resize(model.parts), levers.resize(model.joints), moved_weight.resize(model.joints);
-    moves.assign(size_t(model.joints) * model.parts, 0);
-    for (int j = 0; j < model.joints; ++j)
-        for (int p = 1; p < model.parts; ++p)
-            moves[j * model.parts + p] = model.actuated[p] == j || moves[j * model.parts + model.parent[p]];
     seen_below.resize(model.parts), moved_parts.resize(model.joints);
 }
 
@@ -171,19 +168,25 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     const RigidF camera = to_float(in_units);
     has_image = true, image = view, image_camera = camera;
     const float scale = float(view.scale / unit), skew = float(view.skew / (view.fx * view.fy));
-    auto at = [&](int row, int column) { return float(depth[int64_t(row) * view.width + column]) * scale; };
+    auto at = [&](int row, int column) { // 0 where nothing is seen
+        if (row < 0 || column < 0 || row >= view.height || column >= view.width) return 0.f;
+        const float z = float(depth[int64_t(row) * view.width + column]) * scale;
+        return z > 0 && std::isfinite(z) ? z : 0.f;
+    };
+    // Whether a pixel lies at a depth edge across it and goes on with neither surface, level or as that slopes.
+    auto mixes = [&](float z, int row, int column, int down, int right) {
+        const float before = at(row - down, column - right), after = at(row + down, column + right);
+        if (before == 0 || after == 0 || std::abs(after - before) < depth_edge) return false;
+        auto goes_on = [&](float next, float beyond) {
+            return std::abs(next - z) < mixed_pixel || (beyond > 0 && std::abs(2 * next - beyond - z) < mixed_pixel);
+        };
+        return !goes_on(before, at(row - 2 * down, column - 2 * right)) &&
+               !goes_on(after, at(row + 2 * down, column + 2 * right));
+    };
     for (int row = first_row + stride / 2; row < last_row; row += stride)
         for (int column = first_column + stride / 2; column < last_column; column += stride) {
             const float z = at(row, column);
-            if (!(z > 0) || !std::isfinite(z)) continue;
-            auto jumps = [&](int r, int c) {
-                if (r < 0 || c < 0 || r >= view.height || c >= view.width) return false;
-                const float other = at(r, c);
-                return other > 0 && std::abs(other - z) > depth_edge;
-            };
-            // At a depth edge a pixel may lie between both surfaces.
-            if (jumps(row, column - 1) || jumps(row, column + 1) || jumps(row - 1, column) || jumps(row + 1, column))
-                continue;
+            if (z == 0 || mixes(z, row, column, 0, 1) || mixes(z, row, column, 1, 0)) continue;
             const float x = float((column - view.cx) / view.fx), y = float((row - view.cy) / view.fy);
             examine(apply(camera, {z * (x - skew * float(row - view.cy)), z * y, z}));
         }
@@ -561,36 +564,6 @@ void Tracking::sweep(const Rigid &base, const double *values, int variable, doub
             if (distance[i] < close_distance) fits += squared / (squared + distance[i] * distance[i]);
         scores.push_back(float(fits / std::max<int64_t>(points.size, 1)) + sweep_support * surface / total);
     }
-}
-
-void Tracking::own(const Rigid &base, const double *values, float tolerance, std::vector<float> &own) {
-    place(base, values);
-    const SplitPoints &points = thinner[1];
-    const int64_t stride = points.size + lane_count, parts = int64_t(bounds.size());
-    const float squared = tolerance * tolerance;
-    const auto cost_at = [&](float d) { return d < close_distance ? d * d / (d * d + squared) : 1.f; };
-    each.assign(parts * stride, close_distance), owner.assign(points.size, -1), sample.resize(points.size);
-    for (int64_t b = 0; b < parts; ++b)
-        offer_part(model.surface[bounds[b].part], int(b), F[bounds[b].part], points, &each[b * stride], owner.data(),
-                   sample.data(), close);
-    own.assign(model.joints, 0);
-    for (int64_t i = 0; i < points.size; ++i) {
-        int64_t nearest = 0;
-        for (int64_t b = 1; b < parts; ++b)
-            if (each[b * stride + i] < each[nearest * stride + i]) nearest = b;
-        const float cost = cost_at(each[nearest * stride + i]);
-        if (cost >= 1) continue;
-        for (int p = bounds[nearest].part; p > 0; p = model.parent[p]) {
-            const int j = model.actuated[p];
-            if (j < 0 || moves[j * model.parts + model.parent[p]]) continue; // a joint that mimics it comes before
-            float others = close_distance;
-            for (int64_t b = 0; b < parts; ++b)
-                if (!moves[j * model.parts + bounds[b].part]) others = std::min(others, each[b * stride + i]);
-            own[j] += cost_at(others) - cost;
-        }
-    }
-    const float share = points.size > 0 ? float(kept.size()) / points.size : 0;
-    for (float &some : own) some *= share;
 }
 
 void Tracking::weigh(const Rigid &base, const double *values, int64_t count, const uint8_t *varied, float tolerance,

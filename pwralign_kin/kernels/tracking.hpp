@@ -89,9 +89,6 @@ class Tracking {
     // Points are explained within `tolerance`, or, where that is 0, within what the noise of this frame allows. Fills
     // `explained` and the following.
     TrackingJudgement judge(const Rigid &base, const double *values, float tolerance);
-    // Points that the parts which a joint moves explain better than the rest of the model does, for each joint, in
-    // points of the frame. Parts that share the points of others, behind them or inside them, are not seen by those.
-    void own(const Rigid &base, const double *values, float tolerance, std::vector<float> &points);
     // Score changes of one variable (rotation vector and shift of the base, then joints) up to `range` to either side.
     void sweep(const Rigid &base, const double *values, int variable, double range, float sigma,
                std::vector<double> &changes, std::vector<float> &scores);
@@ -145,7 +142,6 @@ class Tracking {
     enum : uint8_t { at_lower = 1, at_upper, still };
     std::vector<uint8_t> stopped;             // joints that stand at a limit in one step, or are held
     std::vector<uint8_t> moved;               // parts that a sweep moves
-    std::vector<uint8_t> moves;               // (joints, parts) which parts a joint moves
     std::vector<int> seen_below, moved_parts; // parts with points: each and all below it, those that a joint moves
     // The frame.
     double centre[3] = {0, 0, 0}, unit = 1;
@@ -162,7 +158,6 @@ class Tracking {
     };
     std::vector<Vec> candidates;
     std::vector<Sum> sums;              // of the candidates of each cell
-    std::vector<float> each;            // distances of the points from each part
     SplitPoints loose;                  // points that parts at rest do not explain
     std::array<SplitPoints, 3> thinner; // all points that are used, every so many, and fewer still
     std::vector<float> ordered, resting;

@@ -70,9 +70,6 @@ class FrameFit:
     """(k,) how far each joint moves the surface that is seen along its normals (rms), when all else makes up for it as
     well as it can, model diagonals for each unit."""
 
-    owned: Array | None = None
-    """(k,) points that the parts which a joint moves explain better than the rest of the model does, if looked at."""
-
     @property
     def against(self) -> float:
         """How much speaks against it, in points: those that are off, and surface that should be seen but is not."""

@@ -42,11 +42,10 @@ class FrameFitting:
         self.native = native
         self.diagonal = diagonal
         self.options = options
-        self.centre, self.viewed, self.wary = np.zeros(3), False, False
+        self.centre, self.viewed = np.zeros(3), False
 
-    def look(self, frame: Frame, expected: BelievedMotion, *, wary: bool = False) -> None:
-        """Look at a frame around an expected configuration, if `wary` also at what tells parts from each other."""
-        self.wary = wary
+    def look(self, frame: Frame, expected: BelievedMotion) -> None:
+        """Look at a frame around an expected configuration."""
         native = self.native
         self.centre = expected.T_scan_base[:3, 3].copy()
         margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
@@ -149,7 +148,6 @@ class FrameFitting:
         strays, missing = self._part_misfits()
         # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
         agreement = judged.agreement if self.viewed else judged.coverage
-        owned = np.asarray(native.own(found[None], fitted, judged.tolerance), float) if self.wary else None
         return FrameFit(
             T_scan_base=self.outward(found),
             values=fitted,
@@ -166,7 +164,6 @@ class FrameFitting:
             missing=missing,
             covariance=covariance,
             levers=levers,
-            owned=owned,
         )
 
     def _part_misfits(self) -> tuple[Array, Array]:

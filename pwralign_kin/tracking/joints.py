@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
-from pwralign_kin.tracking.fit import EVIDENT, FrameFit
+from pwralign_kin.tracking.fit import FrameFit
 from pwralign_kin.tracking.motion import BelievedMotion
 
 UNDETERMINED = float(np.radians(2.5))
@@ -85,8 +85,6 @@ class Joints:
             return self.free
         variance = np.diag(fit.covariance)[6:]
         told = (variance < (1.0 - TOLD) * np.diag(expected.covariance)[6:]) | (variance < UNDETERMINED**2)
-        if fit.owned is not None:  # points that others explain as well do not tell where a part is
-            told &= fit.owned >= EVIDENT
         return np.asarray(self.free & ~(told & (variance < VAGUE**2)))
 
 

@@ -20,10 +20,10 @@ class TrackerOptions(CheckedOptions):
     margin: Positive = 0.12
     """What is farther from where the model is expected is not looked at."""
     iterations: Count = 12
-    """Gauss-Newton iterations of a fit, at most; one that has not settled goes on for as many again, and a doubtful
-    frame is fitted with four times as many from each of two farther starts."""
+    """Gauss-Newton iterations of a fit, at most; one that has not settled goes on for as many again, and one from far
+    away takes four times as many."""
     time_limit: Positive | None = None
-    """Seconds that a frame may take: iterations and second attempts that do not fit are left out, and a lost model is
+    """Seconds that a frame may take: iterations and trials that do not fit are left out, and a lost model is
     searched for while the frames go on. Results then depend on how fast the machine is."""
     covariance: bool = False
     """Whether each frame tells the covariance of its state."""

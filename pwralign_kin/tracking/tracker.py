@@ -25,8 +25,8 @@ from pwralign_kin.tracking.tracked_frame import TrackedFrame
 from pwralign_kin.tracking.trials import Trials
 
 DOUBTFUL, LOST, FOUND = 0.85, 0.6, 0.75
-"""Shares of the usual quality: below the first a frame is fitted again from farther starts; below the second the model
-is not seen; a lost model is found above the third."""
+"""Shares of the usual quality: below the first a frame does not renew what is usual; below the second the model is not
+seen; a lost model is found above the third."""
 
 STAYED = 0.05
 """A given start that explains clearly what is close to it, among other things, is taken without a search if no variable
@@ -100,7 +100,7 @@ class Tracker:
         else:
             before = self._motion
             self._motion = before.predicted(time)
-            fit = self._followed(frame, self._motion, before, start)
+            fit = self._followed(frame, self._motion, start)
         found = self._accepts(fit)
         searches, again = self._recovery.searches, None
         if not found:
@@ -151,13 +151,13 @@ class Tracker:
         joints = np.abs(fit.values - motion.values)[told].max(initial=0.0)
         return bool(max(turn, shift, joints) < STAYED)
 
-    def _followed(self, frame: Frame, expected: BelievedMotion, before: BelievedMotion, start: float) -> FrameFit:
-        """Fit the frame from where the model is expected; where that is doubtful, from farther starts and searched."""
+    def _followed(self, frame: Frame, expected: BelievedMotion, start: float) -> FrameFit:
+        """Fit the frame from where the model is expected; where that is doubtful, search about it."""
         limit = np.inf if self.options.time_limit is None else start + self.options.time_limit
         usual = self._usual
         if usual is None:
             return FrameFit(expected.T_scan_base, expected.values)
-        self._fitting.look(frame, expected, wary=self._trials.active or bool(expected.held.any()))
+        self._fitting.look(frame, expected)
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
             reached = (self._fitting.inward(fit.T_scan_base), fit.values)
@@ -168,14 +168,6 @@ class Tracker:
             fit = self._trials.freed(fit, expected, freed, usual, limit)
         if fit.visible == 0.0 or fit.points < LEAST_POINTS:
             return fit
-        poor = usual.quality(fit) < DOUBTFUL
-        if poor:
-            for start_from in (expected, replace(before, time=expected.time, covariance=expected.covariance)):
-                if clock.perf_counter() >= limit:
-                    return fit
-                other = self._fitting.fitted(start_from, usual, limit, wide=True)
-                if usual.misfit(other) < usual.misfit(fit):
-                    fit = other
         fit = self._suspicion.searched(fit, expected, usual, limit)
         return self._trials.tried(fit, expected, usual, limit)
 

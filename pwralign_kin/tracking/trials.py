@@ -17,7 +17,7 @@ from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
-TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 4
+TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 6
 """So many trials of a joint end them unless others fit as well, after so many it is believed, and waits between them
 double so often."""
 
@@ -100,7 +100,7 @@ class Trials:
         if clock.perf_counter() >= limit:
             return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
-        against_fits = np.array([other.against for other in fits]) + self._surprise(fitted, fit, chain)
+        against_fits = np.array([other.against for other in fits])
         first = int(np.argmin(against_fits))
         best = fits[first] if against_fits[first] < fit.against - EVIDENT else fit
         near = np.r_[fitted, drawn][np.r_[against_fits, against] < against_fits[first] + EVIDENT]
@@ -120,11 +120,6 @@ class Trials:
         others = (self._spread > 0.0) & ~ended
         ended &= ~(self._joints.moves & others[:, None]).any(axis=0)
         self._spread[ended], self._alike[ended], self._passed[ended] = 0.0, 0.0, 0
-
-    def _surprise(self, values: Array, fit: FrameFit, chain: NDArray[np.bool_]) -> Array:
-        """Return what speaks against values (..., k) of a chain that are far from those of a fit, in points."""
-        far = self._joints.apart(values, fit.values)[..., chain] / self._spread[chain]
-        return np.asarray(np.square(far).sum(axis=-1))
 
     def _drawn_about(
         self, fit: FrameFit, chain: NDArray[np.bool_], usual: Usual, limit: float
@@ -149,7 +144,6 @@ class Trials:
             rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
             rows = np.concatenate([fit.values[None], best, joints.within(rows)])
             against = self._fitting.weighed(fit.T_scan_base, rows, chain, max(tolerance, usual.tolerance))
-            against += self._surprise(rows, fit, chain)
             own, order = float(against[0]), np.argsort(against, kind="stable")
             rows, against = rows[order], against[order]
             about = rows[:KEPT, chain]

@@ -24,15 +24,24 @@ def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, mov
         assert np.argmin(weighed) == 3
 
 
-def test_a_part_has_no_points_of_its_own_where_others_are(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame, shown in ((moving[1].images[0], True), (forearm_hidden(arm, moving[2]), False)):
-        tracker.update(frame, 0.1 if shown else 0.2)
-        assert tracker._motion is not None
-        base = tracker._fitting.inward(tracker._motion.T_scan_base)[None]
-        own = tracker._fitting.native.own(base, tracker._motion.values, 0.01)
-        assert own[0] > 20.0 and (own[1] > 20.0) == shown and own[0] >= own[1]
+def test_of_pixels_at_a_depth_edge_those_between_both_surfaces_are_left_out(
+    arm: pk.ArticulatedModel, moving: Frames
+) -> None:
+    image, options = moving[0].images[0], pk.TrackerOptions(cell=1e-4, points=50000)
+    tracker = pk.Tracker(arm, options, moving[0].state)
+    tracker.update(image, 0.0)
+    assert tracker._motion is not None
+    rows, columns = (int(np.median(of)) for of in np.nonzero(image.depth))
+    near, steps = float(np.median(image.depth[image.depth > 0.0])), np.zeros((20, 20))
+    steps[:, 10:] = 0.08
+    sloped, mixed = steps + 0.012 * np.arange(20), steps.copy()
+    mixed[:, 10] = 0.04
+    for nothing in (0.0, np.inf):
+        for step, kept in ((steps, 400), (sloped, 400), (mixed, 380), (mixed.T, 380)):
+            depth = np.full(image.depth.shape, nothing, np.float32)
+            depth[rows - 10 : rows + 10, columns - 10 : columns + 10] = near + (step - 0.08) * arm.diagonal
+            tracker._fitting.look(replace(image, depth=depth), tracker._motion)
+            assert tracker._fitting.native.points == kept
 
 
 def test_what_a_frame_does_not_tell_is_no_less_sure_than_expected(arm: pk.ArticulatedModel, moving: Frames) -> None:
