@@ -92,9 +92,11 @@ class ArgumentError(PwralignError):
 
 
 class UnknownNameError(PwralignError):
-    """A joint, link or part name does not exist. `name` is the offender, `valid` what would have been right."""
+    """A name does not exist. `kind` says of what (a joint, a link, an option's choice), `name` is the offender, `valid`
+    what would have been right."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.kind = kind
         self.name = name
         self.valid = tuple(valid)
         close = get_close_matches(str(name), self.valid, n=1, cutoff=0.65)

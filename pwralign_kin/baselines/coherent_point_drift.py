@@ -39,7 +39,9 @@ def rigid_drift(source: Array, target: Array, seed: int = 0) -> Array:
 def deformable_drift(source: Array, target: Array, seed: int = 0) -> Callable[[Array], Array]:
     """Return the field in which points (n, 3) of `source`, m, drift onto those of `target` (m, 3), m.
 
-    It takes any points (p, 3) beside the source and returns where they go. `size` (m) is the unit pycpd gets. XX"""
+    It takes any points (p, 3), m, beside the source and returns where they go. Raises `DependencyError` where pycpd is
+    missing.
+    """
     X, Y, centre, size = _samples(source, target, seed)
     found = peer("pycpd").DeformableRegistration(X=X, Y=Y, w=STRAY)
     found.register()

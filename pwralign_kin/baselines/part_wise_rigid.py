@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Seed, Share
-from pwralign_kin.dependencies import open3d
+from pwralign_kin.estimation.knowledge.correspondences import fpfh
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, observe
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model import ArticulatedModel
@@ -185,8 +185,8 @@ def _body(model: ArticulatedModel, start: Array, observation: Observation, optio
             normals.append(surface.dense_normals[kept] @ start[index][:3, :3].T)
             part.append(np.full(len(kept), index))
     source, owner = np.concatenate(points), np.concatenate(part)
-    of_model = _features(source, np.concatenate(normals), options)
-    of_scan = _features(observation.points.astype(float), observation.normals.astype(float), options)
+    of_model = fpfh(source, np.concatenate(normals), options.feature_radius)
+    of_scan = fpfh(observation.points, observation.normals, options.feature_radius)
     apart = cdist(of_model, of_scan)
     nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
     mutual = owner[back[nearest]] == owner
@@ -201,16 +201,6 @@ def _thinned(points: NDArray[np.float32], options: PartWiseOptions) -> NDArray[n
         if len(kept) >= min(options.least_points, len(points)):
             return np.sort(kept)
         cell /= 1.5
-
-
-def _features(points: Array, normals: Array, options: PartWiseOptions) -> Array:
-    """Return the fast point feature histograms (n, 33), Rusu et al., ICRA 2009."""
-    o3d = open3d()
-
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.normals = o3d.utility.Vector3dVector(normals)
-    near = o3d.geometry.KDTreeSearchParamHybrid(radius=options.feature_radius, max_nn=100)
-    return np.asarray(o3d.pipelines.registration.compute_fpfh_feature(cloud, near).data).T
 
 
 def _whole_body(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from pwralign_kin.benchmark.chains import chain, mesh_files
+from pwralign_kin.benchmark.empty_cache import empty_cache
 from pwralign_kin.benchmark.pictures import COLOURS, PALE, as_png, new_figure, tidy
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import figure, markdown, median
@@ -174,7 +173,7 @@ def parts_cost(size: int, folder: Path, threads: int) -> Cost:
 
     urdf = folder / "chain.urdf"
     urdf.write_text(chain(size), encoding="utf-8")
-    with _empty_cache(folder):
+    with empty_cache(folder / "cache"):
         model = ArticulatedModel.from_urdf(urdf)
     points = np.array(simulate(model, None, Sensor(points=CHAIN_POINTS), 0).scan.points)
     return _estimates(model, points, size, threads)
@@ -185,7 +184,6 @@ def triangles_cost(size: int, folder: Path, threads: int) -> Cost:
     # The libraries that a preparation loads on the way, so that their time and memory do not count.
     import pinocchio  # noqa: F401
     import trimesh  # noqa: F401
-    import yourdfpy  # noqa: F401
 
     from pwralign_kin.model import ArticulatedModel
     from pwralign_kin.simulation import Sensor, simulate
@@ -193,7 +191,7 @@ def triangles_cost(size: int, folder: Path, threads: int) -> Cost:
     open3d()
     urdf = folder / "chain.urdf"
     idle = memory()
-    with _empty_cache(folder):
+    with empty_cache(folder / "cache"):
         start = time.perf_counter()
         model = ArticulatedModel.from_urdf(urdf)
         prepared = time.perf_counter()
@@ -262,19 +260,6 @@ def _status(name: str) -> float:
     status = Path("/proc/self/status")
     lines = status.read_text(encoding="utf-8").splitlines() if status.exists() else []
     return next((1024 * float(line.split()[1]) / 1e6 for line in lines if line.startswith(f"{name}:")), 0.0)
-
-
-@contextmanager
-def _empty_cache(folder: Path) -> Iterator[None]:
-    """Let the block use an empty cache folder of its own."""
-    before = os.environ.get("PWRALIGN_CACHE_DIR")
-    os.environ["PWRALIGN_CACHE_DIR"] = str(folder / "cache")
-    try:
-        yield
-    finally:
-        del os.environ["PWRALIGN_CACHE_DIR"]
-        if before is not None:
-            os.environ["PWRALIGN_CACHE_DIR"] = before
 
 
 SIZES: Mapping[str, Size] = MappingProxyType(

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
+from pwralign_kin.benchmark.empty_cache import empty_cache
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import figure, markdown
 
@@ -115,7 +114,7 @@ def _prepare(robot: str, threads: int) -> Preparation:
     import logging
 
     logging.getLogger("pwralign_kin").setLevel(logging.ERROR)
-    with _empty_cache():
+    with tempfile.TemporaryDirectory() as folder, empty_cache(Path(folder)):
         start = time.perf_counter()
         import casadi  # noqa: F401
         import open3d  # noqa: F401
@@ -145,11 +144,3 @@ def _prepare(robot: str, threads: int) -> Preparation:
         first_estimate=estimates[0],
         second_estimate=estimates[1],
     )
-
-
-@contextmanager
-def _empty_cache() -> Iterator[None]:
-    """Let the block use an empty cache folder of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["PWRALIGN_CACHE_DIR"] = folder
-        yield

@@ -41,6 +41,17 @@ EXAMPLES = {
         "pwralign estimate robot.urdf scan.ply --out result",
         "pwralign estimate robot.urdf room.ply --gravity 0 0 -1 --near 1 0 0.8",
     ),
+    "calibrate": ("pwralign calibrate robot.urdf one.ply=one.yaml two.ply=two.yaml --out camera.json",),
+    "track": (
+        "pwralign track robot.urdf scans --out track",
+        "pwralign track robot.urdf depth --intrinsics 600 600 319.5 239.5 --out track",
+    ),
+    "inspect": ("pwralign inspect robot.urdf scan.ply",),
+    "simulate": (
+        "pwralign simulate robot.urdf --tier single --joint elbow=1.2 --out simulated",
+        "pwralign simulate robot.urdf --scene --contacts 1 --out room",
+    ),
+    "benchmark": ("pwralign benchmark --robots robot.urdf --tiers full,single",),
 }
 """What the help of a verb shows besides its options."""
 

@@ -26,7 +26,7 @@ class PartEstimate(ReadOnly):
     """(4, 4) placement of the part's frame (the frame of the link it is named after) in the scan frame."""
 
     residual: float
-    """Root mean square distance of the part's scan points to its surface, m; NaN without points."""
+    """Root mean square distance of the part's scan points to the samples of its surface, m; NaN without points."""
 
     points: int
     """Number of scan points that lie on the part."""
@@ -69,7 +69,8 @@ class Estimate(ReadOnly):
     """What the confidence is computed from."""
 
     inlier_rmse: float
-    """Root mean square distance of the explained scan points to the model, m."""
+    """Root mean square distance of the explained scan points to the samples of the model's surface, m; NaN without
+    any."""
 
     scan_coverage: float
     """Share of the scan points that the model explains."""

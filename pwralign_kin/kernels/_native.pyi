@@ -1,38 +1,75 @@
+"""The compiled kernels as Python calls them; the headers of the source tell how they work.
+
+Lengths are in units of the model's diagonal and angles in rad unless said otherwise; points and directions are (n, 3),
+placements (m, 4, 4), configurations `bases` (m, 4, 4) of the root part and `values` (m, k) of the actuated joints.
+`parts` (p,) and `mask` (parts,) name parts; where a part, a sample or a point is returned, -1 is none. Arrays must be
+contiguous and of the types here. What cannot be raises `ValueError`; no result depends on `threads`.
+"""
+
 from collections.abc import Sequence
 from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-def thin(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]: ...
-def farthest_points(points: NDArray[np.float32], count: int) -> NDArray[np.int32]: ...
+def thin(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]:
+    """Return the points (i,) of a subset of which no two are nearer than `radius`: greedy, in the given order."""
+
+def farthest_points(points: NDArray[np.float32], count: int) -> NDArray[np.int32]:
+    """Return `count` points (i,), each the farthest from those before it; the first is the farthest from the mean."""
+
 def closest_sample_grid(
     samples: NDArray[np.float32],
     origin: tuple[float, float, float],
     cell: float,
     dims: tuple[int, int, int],
     band: float,
-) -> NDArray[np.uint16]: ...
+) -> NDArray[np.uint16]:
+    """Return (x * y * z,) the sample (nearly) closest to each cell of a grid, z fastest; 65535 beyond `band` of all.
+
+    Danielsson's vector propagation. `origin` is the lower corner, `dims` the number of cells along each axis.
+    """
+
 def voxel_means(
     points: NDArray[np.float32], cell: float
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]: ...
-def first_of_cells(cell_of_point: NDArray[np.int32], order: NDArray[np.int32], each: int) -> NDArray[np.int32]: ...
-def along_curve(points: NDArray[np.float32]) -> NDArray[np.int32]: ...
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]:
+    """Return the means (c, 3) of the points in each occupied cell, counts (c,), and the cell (n,) of each point."""
+
+def first_of_cells(cell_of_point: NDArray[np.int32], order: NDArray[np.int32], each: int) -> NDArray[np.int32]:
+    """Return the first `each` points of each cell in the given `order` (n,), cell by cell."""
+
+def along_curve(points: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return the points (n,) in the order of a space-filling curve: neighbours next to each other."""
+
 def local_planes(
     points: NDArray[np.float32], radius: float, threads: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]: ...
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+    """Return of the neighbours within `radius` of each point the plane's unit normal (n, 3), of either sign, their mean
+    (n, 3), variances (n, 3) in ascending order, and count (n,)."""
+
 def apparent_normals(
     points: NDArray[np.float32], normals: NDArray[np.float32], radius: float, threads: int
-) -> NDArray[np.float32]: ...
+) -> NDArray[np.float32]:
+    """Return the normals (n, 3) of an oriented surface as scans tell them, whose local planes mix all that faces the
+    sensor within `radius`."""
+
 def nearest_neighbours(
     points: NDArray[np.float32], queries: NDArray[np.float32], count: int, threads: int
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return distances and indices (q, count) of the points nearest to each query, nearest first: all, if fewer."""
+
 def neighbourhood_variances(
     points: NDArray[np.float32], queries: NDArray[np.float32], sizes: Sequence[int], threads: int
-) -> NDArray[np.float64]: ...
+) -> NDArray[np.float64]:
+    """Return (sizes, 3, q) the variances, ascending, of the nearest `sizes` (ascending) points of each query
+    about their mean."""
+
 def openness(
     points: NDArray[np.float32], normals: NDArray[np.float32], cell: float, threads: int
-) -> NDArray[np.float32]: ...
+) -> NDArray[np.float32]:
+    """Return (n,) how open the side is that each normal points to, by rays through the cloud's cells; negative where it
+    points inwards."""
+
 def components(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]: ...
 def retracted(placement: NDArray[np.float64], twist: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def first_occurrences(rows: NDArray[np.float64]) -> NDArray[np.int64]: ...
@@ -41,19 +78,37 @@ def steps_around(
 ) -> NDArray[np.float32]: ...
 def dominant_plane(
     points: NDArray[np.float32], normals: NDArray[np.float32], tolerance: float, trials: int, seed: int
-) -> tuple[float, float, float, float, int]: ...
+) -> tuple[float, float, float, float, int]:
+    """Return unit normal (x, y, z), offset and number of points of the plane that holds most oriented points.
+
+    By minimal samples of one point; all 0 without points.
+    """
+
 def closest_on_meshes(
     meshes: Sequence[TriangleMesh],
     placements: NDArray[np.float64],
     points: NDArray[np.float32],
     reach: float,
     threads: int,
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]: ...
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return the place (n, 3) closest to each point on the placed meshes, and the mesh (n,) that it is on.
+
+    Points without one within `reach` stay where they are.
+    """
 
 class TriangleMesh:
+    """Triangles ready for closest-point queries: `vertices` (v, 3), finite, and `faces` (f, 3)."""
+
     def __init__(self, vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> None: ...
 
 class Articulated:
+    """A kinematic tree of parts with surfaces; parts[0] is the root, parents come before their children.
+
+    A joint's value is `multiplier` * actuated value + `offset`; `placement` and `axis` are those of the joint in its
+    parent. `restricted` returns a copy with other limits (k,), `travel` (parts,) the range of parts that slide,
+    `limits` the least and greatest actuated values (k,), `forward` the placements (m, parts, 4, 4) of configurations.
+    """
+
     def __init__(
         self,
         parent: NDArray[np.int32],
@@ -107,6 +162,12 @@ class Articulated:
     def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 class ScanField:
+    """A grid about the points of a scan that tells the nearest one of each cell, and what is free or hidden.
+
+    The meaning of the arrays stands at `estimation.sensing.observation.Observation`. `nearest` returns the scan point
+    (n,) nearest to the cell of each position, `with_unreturned` the same field with another trust in silent pixels.
+    """
+
     def __init__(
         self,
         points: NDArray[np.float32],
@@ -129,6 +190,8 @@ class ScanField:
     def nearest(self, points: NDArray[np.float32], reach: float = ...) -> NDArray[np.int32]: ...
 
 class SearchOptions:
+    """What `estimation.comparison.search_options.SearchOptions` is for one scan."""
+
     def __init__(self) -> None: ...
     @property
     def support_distance(self) -> float: ...
@@ -188,6 +251,13 @@ class SearchOptions:
     def threads(self, arg: int, /) -> None: ...
 
 class Search:
+    """Configurations of a model proposed for a scan, and compared with it.
+
+    Hypotheses are returned as parts (m,), placements (m, 4, 4) and scores (m,), configurations as bases, values and
+    scores (m,), assignments as distances (n,), at most `cap`, parts (n,) and their samples (n,). Tasks are arrays of
+    one length that name a row of the configurations in `configuration`.
+    """
+
     def __init__(
         self, model: Articulated, field: ScanField, options: SearchOptions, neutral: NDArray[np.float64]
     ) -> None: ...
@@ -322,6 +392,13 @@ class Search:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
 
 class SurfaceMixture:
+    """The posed surface as a mixture of normal distributions, one for each patch of side `spacing`.
+
+    `evidence` returns the logarithm of the likelihood, its gradient (n + 1,) and what stands for its negative Hessian
+    (n + 1, n + 1) by the n parameters of the `jacobians` (parts, 6, n) and the logarithm of `sigma`, the information
+    (parts, 6, 6) of each part's twist, and the number of strays.
+    """
+
     def __init__(self, model: Articulated, spacing: float) -> None: ...
     def look(self, placements: NDArray[np.float64], directions: NDArray[np.float32], unseen: float) -> None: ...
     def evidence(
@@ -335,9 +412,12 @@ class SurfaceMixture:
         threads: int,
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]: ...
 
-def explained_within(noise: float) -> float: ...
+def explained_within(noise: float) -> float:
+    """Return the distance within which points of this noise (standard deviation) are explained."""
 
 class TrackingJudgement:
+    """How a configuration fits a frame: see `tracking.fit.FrameFit`; `supported` is its `support`."""
+
     @property
     def noise(self) -> float: ...
     @property
@@ -354,6 +434,13 @@ class TrackingJudgement:
     def cost(self) -> float: ...
 
 class Tracking:
+    """One model followed from frame to frame: of each at most `points` are used, one a cell of size `cell`.
+
+    A frame begins with `expect`, whose `centre` (3,), `sensor` (3,), empty if unknown, and `unit`, the diagonal, are in
+    m, and is looked at once. `fit` returns base, values, iterations and rms distance; `information` (6 + k, 6 + k) and
+    `levers` (k,) are of the last fit, `explained`, `strays`, `visible` and `shown` (parts,) of what was judged last.
+    """
+
     def __init__(self, model: Articulated, points: int, cell: float) -> None: ...
     def expect(
         self,

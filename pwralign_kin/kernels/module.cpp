@@ -4,6 +4,7 @@
 #include "surface_mixture.hpp"
 #include "tracking.hpp"
 #include "triangles.hpp"
+#include <limits>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
@@ -73,6 +74,9 @@ void write_placement(const Rigid &T, double *m) {
     }
     m[12] = m[13] = m[14] = 0, m[15] = 1;
 }
+void require_finite(const Points &points, const char *message) {
+    for (size_t i = 0; i < points.size(); ++i) require(std::isfinite(points.data()[i]), message);
+}
 // Points can be sorted into cells of this size: numbers of cells along one side have 20 bits (`pack_cell`).
 void require_cells(const Points &points, float cell) {
     require(std::isfinite(cell) && cell > 0, "cells need a positive size");
@@ -102,13 +106,15 @@ nb::tuple write_configurations(const Articulated &model, const std::vector<Confi
     return nb::make_tuple(to_numpy(std::move(bases), {m, 4, 4}), to_numpy(std::move(values), {m, k}),
                           to_numpy(std::move(scores)));
 }
+void require_surface(const Articulated &model, int part) {
+    require(part >= 0 && part < model.parts && model.surface[part].exists, "a hypothesis needs a part with a surface");
+}
 std::vector<Hypothesis> read_hypotheses(const Articulated &model, const Ints &parts, const Placements &placements) {
     require(parts.shape(0) == placements.shape(0), "parts (m,) and placements (m, 4, 4) differ in length");
     std::vector<Hypothesis> out(parts.shape(0));
     for (size_t i = 0; i < out.size(); ++i) {
         const int part = parts.data()[i];
-        require(part >= 0 && part < model.parts && model.surface[part].exists,
-                "a hypothesis needs a part with a surface");
+        require_surface(model, part);
         out[i] = {part, read_placement(placements.data() + 16 * i), 0};
     }
     return out;
@@ -152,6 +158,7 @@ void bind_clouds(nb::module_ &m) {
              float band) {
         const int d[3] = {std::get<0>(dims), std::get<1>(dims), std::get<2>(dims)};
         require(samples.shape(0) < none, "a surface has at most 65534 samples");
+        require(cell > 0 && d[0] > 0 && d[1] > 0 && d[2] > 0, "a grid needs cells of a positive size");
         auto grid = unlocked([&] {
             return closest_sample_grid(vectors(samples), samples.shape(0),
                                        {std::get<0>(origin), std::get<1>(origin), std::get<2>(origin)}, cell, d, band);
@@ -160,6 +167,7 @@ void bind_clouds(nb::module_ &m) {
     },
           "samples"_a, "origin"_a, "cell"_a, "dims"_a, "band"_a);
     m.def("voxel_means", [](Points points, float cell) {
+        require(cell > 0, "cells need a positive size");
         std::vector<int> counts, cells;
         auto means = unlocked([&] { return voxel_means(vectors(points), points.shape(0), cell, counts, cells); });
         return nb::make_tuple(to_numpy(means), to_numpy(std::move(counts)), to_numpy(std::move(cells)));
@@ -171,7 +179,7 @@ void bind_clouds(nb::module_ &m) {
         int cells = 0;
         for (size_t i = 0; i < count; ++i) {
             const int cell = cell_of_point.data()[i], point = order.data()[i];
-            require(cell >= 0 && point >= 0 && size_t(point) < count,
+            require(cell >= 0 && cell < std::numeric_limits<int>::max() && point >= 0 && size_t(point) < count,
                     "cells count from 0, and points are among those given");
             cells = std::max(cells, cell + 1);
         }
@@ -202,6 +210,7 @@ void bind_clouds(nb::module_ &m) {
         return to_numpy(apparent);
     }, "points"_a, "normals"_a, "radius"_a, "threads"_a);
     m.def("nearest_neighbours", [](Points points, Points queries, int count, int threads) {
+        require(count > 0, "at least one neighbour is looked for");
         auto near = unlocked([&] {
             return nearest_neighbours(vectors(points), points.shape(0), vectors(queries), queries.shape(0), count,
                                       threads);
@@ -369,6 +378,7 @@ void bind_model(nb::module_ &m) {
 void bind_meshes(nb::module_ &m) {
     nb::class_<TriangleMesh> type(m, "TriangleMesh");
     type.def("__init__", [](TriangleMesh *self, Points vertices, In<int, nb::shape<-1, 3>> faces) {
+        require_finite(vertices, "vertices must be finite");
         for (size_t i = 0; i < faces.size(); ++i)
             require(faces.data()[i] >= 0 && faces.data()[i] < int(vertices.shape(0)),
                     "a face names a vertex that does not exist");
@@ -378,6 +388,7 @@ void bind_meshes(nb::module_ &m) {
     m.def("closest_on_meshes",
           [](std::vector<const TriangleMesh *> meshes, Placements placements, Points points, float reach, int threads) {
         require(placements.shape(0) == meshes.size(), "one placement per mesh is needed");
+        for (const TriangleMesh *mesh : meshes) require(mesh != nullptr, "None is no mesh");
         const std::vector<Rigid> T = read_placements(placements);
         std::vector<Vec> closest = copied(points);
         std::vector<int> owner;
@@ -455,7 +466,8 @@ void bind_search(nb::module_ &m) {
                 Doubles up, double up_deviation, Doubles region, double region_deviation, Doubles values,
                 Doubles inverse_deviations) {
         const size_t k = self.model.joints;
-        require(position.size() % 3 == 0 && turn.size() % 9 == 0 && up.size() % 6 == 0 && region.size() % 6 == 0,
+        const auto given = [](const Doubles &array, size_t size) { return array.size() == 0 || array.size() == size; };
+        require(given(position, 3) && given(turn, 9) && given(up, 6) && given(region, 6),
                 "position (3,), turn (9,), up (6,) and region (6,) may be left out by an empty array");
         require(values.size() == k && inverse_deviations.size() == k,
                 "one value and one deviation per joint are needed");
@@ -498,9 +510,7 @@ void bind_search(nb::module_ &m) {
                 Floats point_weights) {
         require(points.size() == parts.shape(0), "each part needs the points that it is looked for in");
         std::vector<int> wanted(parts.data(), parts.data() + parts.shape(0));
-        for (int p : wanted)
-            require(p >= 0 && p < self.model.parts && self.model.surface[p].exists,
-                    "a hypothesis needs a part with a surface");
+        for (int p : wanted) require_surface(self.model, p);
         require(point_weights.shape(0) == self.field.points.size(), "one weight per scan point is needed");
         std::vector<std::vector<int>> sampled;
         for (const Ints &own : points) {
@@ -516,8 +526,7 @@ void bind_search(nb::module_ &m) {
              [](const Search &self, int part, Points source, Points source_normals, Points target,
                 Points target_normals, Floats weights, uint64_t seed, int keep) {
         const size_t count = source.shape(0);
-        require(part >= 0 && part < self.model.parts && self.model.surface[part].exists,
-                "a hypothesis needs a part with a surface");
+        require_surface(self.model, part);
         require(source_normals.shape(0) == count && target.shape(0) == count && target_normals.shape(0) == count &&
                     weights.shape(0) == count,
                 "the arrays of the correspondences differ in length");
@@ -667,9 +676,12 @@ void bind_search(nb::module_ &m) {
         for (int p = 0; p < self.model.parts; ++p) F.push_back(to_float(read_placement(placements.data() + 16 * p)));
         std::vector<float> cosines(count, 0.f);
         for (size_t i = 0; i < count; ++i)
-            if (const int p = part.data()[i]; p >= 0)
-                cosines[i] =
-                    dot(rotate(F.at(p), self.model.surface[p].dense.at(sample.data()[i]).n), vectors(normals)[i]);
+            if (const int p = part.data()[i]; p >= 0) {
+                require(p < self.model.parts && sample.data()[i] >= 0 &&
+                            size_t(sample.data()[i]) < self.model.surface[p].dense.size(),
+                        "a normal names a part or a sample that does not exist");
+                cosines[i] = dot(rotate(F[p], self.model.surface[p].dense[sample.data()[i]].n), vectors(normals)[i]);
+            }
         return to_numpy(std::move(cosines));
     }, "normals"_a, "placements"_a, "part"_a, "sample"_a);
     type.def("distances",
@@ -752,6 +764,11 @@ PinholeView read_view(const Matrix &K, double scale, const Placements &camera, s
     return {k[0], k[4], k[2], k[5], k[1], scale, read_placement(camera.data()), int(height), int(width)};
 }
 
+void require_configuration(const Tracking &self, const Placements &base, const Doubles &values) {
+    require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
+            "one base and one value per joint are needed");
+}
+
 void bind_tracking(nb::module_ &m) {
     m.def("explained_within", &explained_within, "noise"_a);
     nb::class_<TrackingJudgement>(m, "TrackingJudgement")
@@ -770,8 +787,7 @@ void bind_tracking(nb::module_ &m) {
     type.def(
         "expect",
         [](Tracking &self, Placements base, Doubles values, Doubles centre, double unit, Doubles sensor, float margin) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
-                "one base and one value per joint are needed");
+        require_configuration(self, base, values);
         require(centre.size() == 3 && (sensor.size() == 0 || sensor.size() == 3) && unit > 0,
                 "a centre and a sensor have three coordinates");
         self.expect(read_placement(base.data()), values.data(), centre.data(), unit,
@@ -826,8 +842,7 @@ void bind_tracking(nb::module_ &m) {
         return to_numpy(std::vector<double>(self.information), {size, size});
     }, nb::rv_policy::move);
     type.def("judge", [](Tracking &self, Placements base, Doubles values, float tolerance) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints,
-                "one base and one value per joint are needed");
+        require_configuration(self, base, values);
         return unlocked([&] { return self.judge(read_placement(base.data()), values.data(), tolerance); });
     }, "base"_a, "values"_a, "tolerance"_a);
     type.def_prop_ro("levers", [](const Tracking &self) { return to_numpy(std::vector<double>(self.levers)); },
@@ -852,9 +867,8 @@ void bind_tracking(nb::module_ &m) {
         return to_numpy(std::move(against));
     }, "base"_a, "values"_a, "varied"_a, "tolerance"_a);
     type.def("sweep", [](Tracking &self, Placements base, Doubles values, int variable, double range, float sigma) {
-        require(base.shape(0) == 1 && int(values.size()) == self.model.joints && variable >= 0 &&
-                    variable < 6 + self.model.joints,
-                "one base, one value per joint and one of these variables are needed");
+        require_configuration(self, base, values);
+        require(variable >= 0 && variable < 6 + self.model.joints, "no such variable");
         std::vector<double> changes;
         std::vector<float> scores;
         unlocked(

@@ -92,7 +92,7 @@ struct Nearest {
 
 struct SweepTask {
     int configuration, joint; // an actuated joint
-    bool base_moves;          // what hangs on the joint moves, or else all the rest
+    bool base_moves;          // all the rest moves, or else what hangs on the joint
     int with;                 // an actuated joint further out that is swept at each value of the first; -1: none
 };
 

@@ -109,7 +109,7 @@ def _depth(message: Any, intrinsics: NDArray[Any], options: FrameOptions, source
 
 
 def _points(message: Any, source: str) -> NDArray[np.float64]:
-    """Return the finite and non-finite points (n, 3) of a PointCloud2."""
+    """Return all points (n, 3) of a PointCloud2, those without a return too, which are not finite."""
     fields = {field.name: field for field in message.fields}
     if not {"x", "y", "z"} <= set(fields):
         raise ScanError(source, f"the cloud has no x, y, z; its fields are {', '.join(fields)}")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, NotNegative, Positive
+from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.simulation.raycasting import MovingBodies, looking_at
@@ -164,11 +165,7 @@ def _box(model: ArticulatedModel, state: State) -> Array:
 
 
 def _directions(count: int, rng: np.random.Generator) -> Array:
-    """Return `count` unit vectors spread evenly over the sphere (a Fibonacci lattice), turned at random."""
+    """Return `count` unit vectors spread evenly over the sphere, turned at random."""
     from scipy.spatial.transform import Rotation
 
-    height = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
-    azimuth = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    flat = np.sqrt(1.0 - height**2)
-    lattice = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), height], axis=-1)
-    return np.asarray(Rotation.from_quat(rng.normal(size=4)).apply(lattice))
+    return np.asarray(Rotation.from_quat(rng.normal(size=4)).apply(fibonacci_directions(count)))

@@ -38,13 +38,18 @@ FORGETTING = 0.02
 class FrameFit:
     """A configuration fitted to a frame, and how well it fits."""
 
-    T: Array
+    T_scan_base: Array
+    """(4, 4), m."""
     values: Array
+    """(k,) actuated values, rad or model diagonals."""
     iterations: int = 0
+    """0: the frame shows too little to fit to."""
     rmse: float = 0.0
+    """Of the distances of the explained points, model diagonals."""
     noise: float = 0.0
     """Robust standard deviation of the distances of points close to the model."""
     coverage: float = 0.0
+    """Share of the points that it explains."""
     agreement: float = 0.0
     """Share of the points that count for or against the model that it explains."""
     visible: float = 0.0

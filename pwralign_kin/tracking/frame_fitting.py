@@ -47,34 +47,42 @@ class FrameFitting:
     def look(self, frame: Frame, expected: BelievedMotion) -> None:
         """Look at a frame around an expected configuration."""
         native = self.native
-        self.centre = expected.T[:3, 3].copy()
+        self.centre = expected.T_scan_base[:3, 3].copy()
         margin = self.options.margin + MARGIN_SPEED * min(expected.ahead, LONGEST)
         origin = _sensor(frame)
         self.viewed = len(origin) > 0
-        native.expect(self.inward(expected.T)[None], expected.values, self.centre, self.diagonal, origin, margin)
+        native.expect(
+            self.inward(expected.T_scan_base)[None], expected.values, self.centre, self.diagonal, origin, margin
+        )
         if isinstance(frame, DepthFrame):
             native.look_at_depth(frame.depth, frame.intrinsics, frame.metres, frame.T_scan_camera[None])
         else:
             native.look_at_points(frame.points if isinstance(frame, Scan) else frame)
 
-    def swept(self, T: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
-        """Return a configuration about a placement (4, 4) in the scan frame and values (k,) that fits better, its base
-        as `fitted` takes it, and whether any was found: see `local_search.swept`."""
-        return local_search.swept(self.native, self.inward(T), values, ranges, rounds)
+    def swept(self, T_scan_base: Array, values: Array, ranges: Array, rounds: int) -> tuple[Array, Array, bool]:
+        """Return a configuration about a base (4, 4) (m) and values (k,) that fits better, its base as `fitted` takes
+        it, and whether any was found: see `local_search.swept`."""
+        return local_search.swept(self.native, self.inward(T_scan_base), values, ranges, rounds)
 
-    def weighed(self, T: Array, values: Array, varied: NDArray[np.bool_], tolerance: float) -> Array:
-        """Return how much speaks against a placement (4, 4) in the scan frame with rows of values (n, k), in points.
+    def weighed(self, T_scan_base: Array, values: Array, varied: NDArray[np.bool_], tolerance: float) -> Array:
+        """Return how much speaks against a base (4, 4) (m) with rows of values (n, k), in points.
 
         The rows differ in joints that are `varied` (k,) only; points may be off by `tolerance` (model diagonals).
         """
-        against = self.native.weigh(self.inward(T)[None], values, varied.astype(np.uint8), tolerance)
+        against = self.native.weigh(self.inward(T_scan_base)[None], values, varied.astype(np.uint8), tolerance)
         return np.asarray(self.native.points * against, float)
 
-    def inward(self, T: Array) -> Array:
-        """Return a base placement in model diagonals about the centre of the frame."""
-        inside = T.copy()
-        inside[:3, 3] = (T[:3, 3] - self.centre) / self.diagonal
+    def inward(self, T_scan_base: Array) -> Array:
+        """Return a base placement (m) in model diagonals about the centre of the frame."""
+        inside = T_scan_base.copy()
+        inside[:3, 3] = (T_scan_base[:3, 3] - self.centre) / self.diagonal
         return inside
+
+    def outward(self, inside: Array) -> Array:
+        """Return T_scan_base (m) of a base placement in model diagonals about the centre of the frame."""
+        T_scan_base = inside.copy()
+        T_scan_base[:3, 3] = inside[:3, 3] * self.diagonal + self.centre
+        return T_scan_base
 
     def fitted(
         self,
@@ -94,7 +102,7 @@ class FrameFitting:
         sure than expected. What is less sure, or wide, is so for the fit to get about: the covariance does without.
         """
         native = self.native
-        predicted = self.inward(expected.T)
+        predicted = self.inward(expected.T_scan_base)
         base, values = (predicted, expected.values) if start is None else start
         sigma, noise, tolerance = 2 * LEAST_SIGMA, LEAST_SIGMA, 0.0
         if usual is not None:
@@ -102,7 +110,7 @@ class FrameFitting:
         if native.points < LEAST_POINTS:
             judged = native.judge(base[None], values, tolerance)
             return FrameFit(
-                expected.T,
+                expected.T_scan_base,
                 expected.values,
                 visible=judged.visible,
                 support=judged.supported,
@@ -117,7 +125,7 @@ class FrameFitting:
             believed = np.asarray(np.linalg.inv(expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2])), float)
         if wide:
             believed = believed / WIDER**2
-        T, fitted, done, rmse = native.fit(
+        found, fitted, done, rmse = native.fit(
             base=base[None],
             values=values,
             predicted=predicted[None],
@@ -136,13 +144,12 @@ class FrameFitting:
         marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
         conditional = np.diag(information)[6:]
         levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
-        judged = native.judge(T[None], fitted, tolerance)
+        judged = native.judge(found[None], fitted, tolerance)
         strays, missing = self._part_misfits()
         # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
         agreement = judged.agreement if self.viewed else judged.coverage
-        T[:3, 3] = T[:3, 3] * self.diagonal + self.centre
         return FrameFit(
-            T=T,
+            T_scan_base=self.outward(found),
             values=fitted,
             iterations=done,
             rmse=rmse,

@@ -28,8 +28,8 @@ class BelievedMotion:
 
     time: float
     """s"""
-    T: Array
-    """(4, 4) base placement, scan frame, m."""
+    T_scan_base: Array
+    """(4, 4), m."""
     values: Array
     """(k,) actuated values, rad or model diagonals."""
     twist: Array
@@ -43,11 +43,12 @@ class BelievedMotion:
     model diagonals."""
 
     @classmethod
-    def at_rest(cls, time: float, T: Array, values: Array, seen: float) -> BelievedMotion:
+    def at_rest(cls, time: float, T_scan_base: Array, values: Array, seen: float) -> BelievedMotion:
         """Return a model of unknown speed that was last seen at a time (s): the longer ago, the less sure it is."""
         size = 6 + len(values)
         deviations = np.clip(time - seen, SHORTEST, LONGEST) * _surprises(size)
-        return cls(time, T, values, np.zeros(6), np.zeros(size - 6), np.full(size, seen), np.diag(deviations**2))
+        rest = np.zeros(6), np.zeros(size - 6)
+        return cls(time, T_scan_base, values, *rest, np.full(size, seen), np.diag(deviations**2))
 
     @property
     def ahead(self) -> float:
@@ -71,16 +72,23 @@ class BelievedMotion:
         # A speed fades while it is unseen; integrated over the step.
         fade = np.exp(-blind / MEMORY)
         step = exp(fade[:6] * ahead * self.twist)
-        T = self.T.copy()
-        T[:3, :3] = step[:3, :3] @ T[:3, :3]
-        T[:3, 3] += step[:3, 3]
+        T_scan_base = self.T_scan_base.copy()
+        T_scan_base[:3, :3] = step[:3, :3] @ T_scan_base[:3, :3]
+        T_scan_base[:3, 3] += step[:3, 3]
         # Unexpected speeds last: deviations grow in proportion to the time, however many frames it has.
         grown = np.minimum(blind + ahead, LONGEST) ** 2 - np.minimum(blind, LONGEST) ** 2
         doubt = self.covariance + np.diag((grown + SHORTEST**2) * _surprises(len(blind)) ** 2)
-        return replace(self, time=time, T=T, values=self.values + fade[6:] * ahead * self.speeds, covariance=doubt)
+        values = self.values + fade[6:] * ahead * self.speeds
+        return replace(self, time=time, T_scan_base=T_scan_base, values=values, covariance=doubt)
 
     def corrected(
-        self, T: Array, values: Array, covariance: Array, held: NDArray[np.bool_], turns: Array, since: BelievedMotion
+        self,
+        T_scan_base: Array,
+        values: Array,
+        covariance: Array,
+        held: NDArray[np.bool_],
+        turns: Array,
+        since: BelievedMotion,
     ) -> BelievedMotion:
         """Return the motion once the frame has shown where the model is, but for joints that it does not tell.
 
@@ -91,7 +99,8 @@ class BelievedMotion:
         apart = values - self.values
         wraps = np.isfinite(turns)
         apart[wraps] -= turns[wraps] * np.round(apart[wraps] / turns[wraps])
-        apart = np.r_[rotation_vector(T[:3, :3] @ self.T[:3, :3].T), T[:3, 3] - self.T[:3, 3], apart]
+        turned = rotation_vector(T_scan_base[:3, :3] @ self.T_scan_base[:3, :3].T)
+        apart = np.r_[turned, T_scan_base[:3, 3] - self.T_scan_base[:3, 3], apart]
         # What is apart is a change of speed as far as that can have moved the model, and the doubt of where it was and
         # is cannot: of few frames nearly all of it, of many, or where they tell little, hardly any. A surprising speed
         # takes as long to come up as surprises add up.
@@ -101,7 +110,7 @@ class BelievedMotion:
         before, unseen = np.r_[self.twist, self.speeds], np.r_[np.zeros(6, bool), held]
         speeds = np.where(unseen, before, told * (before + gain * apart / ahead))
         seen = np.where(unseen, self.seen, self.time)
-        return BelievedMotion(self.time, T, values, speeds[:6], speeds[6:], seen, covariance)
+        return BelievedMotion(self.time, T_scan_base, values, speeds[:6], speeds[6:], seen, covariance)
 
 
 def _surprises(size: int) -> Array:

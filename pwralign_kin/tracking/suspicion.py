@@ -62,14 +62,14 @@ class Suspicion:
         """Search about a fit and where the model was expected; return what fits clearly better, else the fit."""
         best, against = fit, usual.misfit(fit)
         least = against - max(LEAST_GAIN, BETTER * (against - usual.misfit(usual)))
-        for T, values in ((fit.T, fit.values), (expected.T, expected.values)):
+        for about in (fit, expected):
             if clock.perf_counter() >= limit:
                 break
-            T, values, gained = self._fitting.swept(T, values, ranges, SWEEP_ROUNDS)
+            base, values, gained = self._fitting.swept(about.T_scan_base, about.values, ranges, SWEEP_ROUNDS)
             if not gained:
                 continue
             nothing = np.zeros_like(expected.held)
-            other = self._fitting.fitted(expected, usual, limit, wide=True, start=(T, values), held=nothing)
+            other = self._fitting.fitted(expected, usual, limit, wide=True, start=(base, values), held=nothing)
             if usual.misfit(other) < least:
                 best, least = other, usual.misfit(other)
         return best

@@ -130,7 +130,7 @@ class Tracker:
             self._motion = BelievedMotion.at_rest(
                 time, np.eye(4), self.model.values({}) / self._joints.unit, time - LONGEST
             )
-            return self._motion, FrameFit(self._motion.T, self._motion.values)
+            return self._motion, FrameFit(self._motion.T_scan_base, self._motion.values)
         T = self.model.root_placement(self._initial)
         motion = BelievedMotion.at_rest(
             time, T, self.model.values(self._initial.joints) / self._joints.unit, time - LONGEST
@@ -145,8 +145,8 @@ class Tracker:
 
     def _stayed(self, fit: FrameFit, motion: BelievedMotion) -> bool:
         """Return whether a fit is about where it started."""
-        turn = rotation_angle(fit.T[:3, :3] @ motion.T[:3, :3].T)
-        shift = float(np.linalg.norm((fit.T - motion.T)[:3, 3])) / self.model.diagonal
+        turn = rotation_angle(fit.T_scan_base[:3, :3] @ motion.T_scan_base[:3, :3].T)
+        shift = float(np.linalg.norm((fit.T_scan_base - motion.T_scan_base)[:3, 3])) / self.model.diagonal
         told = np.diag(fit.covariance)[6:] < UNDETERMINED**2
         joints = np.abs(fit.values - motion.values)[told].max(initial=0.0)
         return bool(max(turn, shift, joints) < STAYED)
@@ -156,11 +156,11 @@ class Tracker:
         limit = np.inf if self.options.time_limit is None else start + self.options.time_limit
         usual = self._usual
         if usual is None:
-            return FrameFit(expected.T, expected.values)
+            return FrameFit(expected.T_scan_base, expected.values)
         self._fitting.look(frame, expected)
         fit = self._fitting.fitted(expected, usual, limit)
         if fit.iterations == self.options.iterations and usual.doubts(fit):  # it has not settled: go on
-            reached = (self._fitting.inward(fit.T), fit.values)
+            reached = (self._fitting.inward(fit.T_scan_base), fit.values)
             settled = self._fitting.fitted(expected, usual, limit, start=reached)
             fit = replace(settled, iterations=fit.iterations + settled.iterations)
         freed = expected.held & ~self._joints.untold(fit, expected)
@@ -180,7 +180,7 @@ class Tracker:
     def _searched(self, frame: Frame, time: float, fit: FrameFit) -> FrameFit | None:
         """Search for a lost model, now and then; return its fit once it is found."""
         assert self._motion is not None
-        guess = self._initial if self._usual is None else self._state(self._motion.T, self._motion.values)
+        guess = self._initial if self._usual is None else self._state(self._motion.T_scan_base, self._motion.values)
         hidden = self._usual is not None and fit.visible < LEAST_VISIBLE
         return self._adopted(self._recovery.answer(frame, guess, hidden=hidden), frame, time)
 
@@ -210,10 +210,14 @@ class Tracker:
         assert self._motion is not None and self._usual is not None
         time = self._motion.time
         if searched or time == before.time or self.lost:
-            self._motion = replace(BelievedMotion.at_rest(time, fit.T, fit.values, time), covariance=fit.covariance)
+            self._motion = replace(
+                BelievedMotion.at_rest(time, fit.T_scan_base, fit.values, time), covariance=fit.covariance
+            )
         else:
             untold = self._joints.untold(fit, self._motion)
-            self._motion = self._motion.corrected(fit.T, fit.values, fit.covariance, untold, self._joints.turns, before)
+            self._motion = self._motion.corrected(
+                fit.T_scan_base, fit.values, fit.covariance, untold, self._joints.turns, before
+            )
         if self._usual.quality(fit) >= DOUBTFUL:
             self._usual = self._usual.renewed(fit)
         self._missed = 0
@@ -231,7 +235,7 @@ class Tracker:
         doubt = np.where(self._joints.free, np.minimum(doubt, self._joints.most_doubt), 0.0)
         return TrackedFrame(
             time=time,
-            state=self._state(self._motion.T, self._motion.values),
+            state=self._state(self._motion.T_scan_base, self._motion.values),
             confidence=quality if found else 0.0,
             lost=self.lost,
             searched=searched,

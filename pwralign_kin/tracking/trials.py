@@ -60,8 +60,8 @@ class Trials:
         """Return the fit once joints (k,) that were held, and that the frame tells, are looked for and fitted too."""
         far = expected.deviations > NEAR
         ranges = np.where(np.r_[np.zeros(6, bool), freed] & far, SWEPT_DEVIATIONS * expected.deviations, 0.0)
-        T, values, _ = self._fitting.swept(fit.T, fit.values, ranges, 1)
-        other = self._fitting.fitted(expected, usual, limit, start=(T, values), held=expected.held & ~freed)
+        base, values, _ = self._fitting.swept(fit.T_scan_base, fit.values, ranges, 1)
+        other = self._fitting.fitted(expected, usual, limit, start=(base, values), held=expected.held & ~freed)
         return other if usual.misfit(other) <= usual.misfit(fit) + LEAST_GAIN else fit
 
     def tried(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
@@ -91,12 +91,12 @@ class Trials:
         """Return the best fit about values of a chain (k,), and note how clear it is."""
         drawn, against, own = self._drawn_about(fit, chain, usual, limit)
         doubt = np.where(chain, self._spread, 0.0)
-        T, held = self._fitting.inward(fit.T), expected.held & self._joints.untold(fit, expected) & ~chain
+        base, held = self._fitting.inward(fit.T_scan_base), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
         for values in drawn[against < own][:FITTED]:
             if clock.perf_counter() >= limit:
                 break
-            fits.append(self._fitting.fitted(expected, usual, limit, start=(T, values), held=held, doubt=doubt))
+            fits.append(self._fitting.fitted(expected, usual, limit, start=(base, values), held=held, doubt=doubt))
         if clock.perf_counter() >= limit:
             return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
@@ -143,7 +143,7 @@ class Trials:
             rows = np.repeat(fit.values[None], len(about) * len(drawn), axis=0)
             rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
             rows = np.concatenate([fit.values[None], best, joints.within(rows)])
-            against = self._fitting.weighed(fit.T, rows, chain, max(tolerance, usual.tolerance))
+            against = self._fitting.weighed(fit.T_scan_base, rows, chain, max(tolerance, usual.tolerance))
             own, order = float(against[0]), np.argsort(against, kind="stable")
             rows, against = rows[order], against[order]
             about = rows[:KEPT, chain]

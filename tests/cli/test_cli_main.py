@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -17,7 +16,7 @@ import pytest
 from command_line import Call
 
 from pwralign_kin import State, dependencies
-from pwralign_kin.cli import EXAMPLES, VERBS
+from pwralign_kin.cli import EXAMPLES, VERBS, _app
 from pwralign_kin.cli.simulate import SensorOptions
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.model import ArticulatedModel
@@ -79,13 +78,23 @@ def test_the_help_of_estimate_groups_its_options_and_shows_examples(pwralign: Ca
     assert all(f"Example: {example}" in text for example in EXAMPLES["estimate"])
 
 
+@pytest.mark.parametrize("verb", EXAMPLES)
+def test_examples_of_the_help_are_commands_that_there_are(verb: str) -> None:
+    for example in EXAMPLES[verb]:
+        program, *tokens = example.split()
+        command, bound, _ = _app().parse_args(tokens, exit_on_error=False, print_error=False)
+        assert program == "pwralign" and command.__name__ == verb and bound.arguments
+
+
 def test_help_comes_at_once() -> None:
     def seconds() -> float:
-        start = time.perf_counter()
+        """Of the processor: other work on the machine makes it wait, but is not its fault."""
+        before = os.times()
         subprocess.run([Path(sys.executable).parent / "pwralign", "--help"], check=True, capture_output=True)
-        return time.perf_counter() - start
+        after = os.times()
+        return after.children_user + after.children_system - before.children_user - before.children_system
 
-    assert min(seconds() for _ in range(3)) < 1.0
+    assert 0.0 < min(seconds() for _ in range(3)) < 1.0
 
 
 def test_help_loads_no_heavy_library() -> None:

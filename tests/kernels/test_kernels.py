@@ -290,6 +290,24 @@ def test_points_that_no_cell_holds_are_refused(point: float) -> None:
         kernels.openness(np.zeros((50, 3), np.float32), normals, 0.0, 1)
 
 
+def test_what_would_lead_out_of_memory_is_refused() -> None:
+    points, origin = cloud(10), (0.0, 0.0, 0.0)
+    faces, at = np.array([[0, 1, 2]], np.int32), np.eye(4)[None]
+    beyond = points.copy()
+    beyond[3, 1] = np.nan
+    for call, fault in (
+        (lambda: kernels.first_of_cells(np.array([2**31 - 1], np.int32), np.zeros(1, np.int32), 1), "count from 0"),
+        (lambda: kernels.closest_on_meshes([None], at, points, 1.0, 1), "no mesh"),
+        (lambda: kernels.TriangleMesh(beyond, faces), "finite"),
+        (lambda: kernels.nearest_neighbours(points, points, -1, 1), "at least one"),
+        (lambda: kernels.voxel_means(points, 0.0), "positive"),
+        (lambda: kernels.closest_sample_grid(points, origin, 0.1, (-1, 2, 2), 0.1), "positive"),
+        (lambda: kernels.closest_sample_grid(points, origin, 0.0, (2, 2, 2), 0.1), "positive"),
+    ):
+        with pytest.raises(ValueError, match=fault):
+            call()
+
+
 def test_more_threads_than_there_can_be_are_no_error() -> None:
     points = np.random.default_rng(0).normal(size=(2000, 3)).astype(np.float32)
     for one, many in zip(kernels.local_planes(points, 0.3, 1), kernels.local_planes(points, 0.3, 500), strict=True):

@@ -15,7 +15,7 @@ def test_many_values_are_weighed_as_each_is_judged(arm: pk.ArticulatedModel, mov
     tracker.update(moving[0].images[0], 0.0)
     native, motion = tracker._fitting.native, tracker._motion
     assert motion is not None
-    base = tracker._fitting.inward(motion.T)[None]
+    base = tracker._fitting.inward(motion.T_scan_base)[None]
     for varied in ([0, 1], [1, 1]):
         rows = motion.values + np.linspace(-0.6, 0.6, 7)[:, None] * varied
         judged = [native.judge(base, row, 0.01) for row in rows]

@@ -158,12 +158,12 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
             index / 30
         )
         told = (1e-6 * np.eye(8), np.zeros(2, bool))
-        motion = expected.corrected(true.T, true.values, *told, np.full(2, np.inf), motion)
+        motion = expected.corrected(true.T_scan_base, true.values, *told, np.full(2, np.inf), motion)
     np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
     np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
     ahead = motion.predicted(motion.time + 0.1)
     moved = exp(0.1 * twist)[:3, :3]
-    assert rotation_angle(inverse(ahead.T)[:3, :3] @ moved @ motion.T[:3, :3]) < 1e-3
+    assert rotation_angle(inverse(ahead.T_scan_base)[:3, :3] @ moved @ motion.T_scan_base[:3, :3]) < 1e-3
 
 
 def _seen_at(motion: BelievedMotion, time: float, value: float, deviation: float) -> BelievedMotion:

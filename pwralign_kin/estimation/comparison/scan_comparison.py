@@ -45,8 +45,8 @@ MOST_REACH = 0.9 * BAND
 class Sought:
     """A model, and how scans are searched for it."""
 
-    model: Any
-    """The `kernels.Articulated` with its limits."""
+    model: kernels.Articulated
+    """With the limits of the search."""
     surfaces: Sequence[Surface]
     options: SearchOptions
     threads: int

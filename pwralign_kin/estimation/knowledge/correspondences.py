@@ -99,13 +99,13 @@ class FpfhMatcher(CheckedOptions):
 
         # Known surroundings shape the features of what touches them, but are not the model.
         searched = np.flatnonzero(observation.regions >= 0)
-        tree = cKDTree(_fpfh(observation.points, observation.normals, self.radius)[searched])
+        tree = cKDTree(fpfh(observation.points, observation.normals, self.radius)[searched])
         at_zero = model.part_placements(np.zeros(len(model.joint_names)))
         sources, targets, weights = [], [], []
         for part in parts:
             surface = model.surfaces[part]
             step = max(1, len(surface.dense) // self.samples)
-            features = _fpfh(surface.dense, surface.dense_normals, self.radius)[::step]
+            features = fpfh(surface.dense, surface.dense_normals, self.radius)[::step]
             distance, index = tree.query(features, k=self.matches)
             source = transform(at_zero[part], surface.dense[::step].astype(float) * model.diagonal)
             sources.append(np.repeat(source, self.matches, axis=0))
@@ -115,11 +115,14 @@ class FpfhMatcher(CheckedOptions):
         return Correspondences(np.concatenate(sources), np.concatenate(targets), np.concatenate(weights))
 
 
-def _fpfh(points: Float, normals: Float, radius: float) -> Array:
-    o3d = open3d()
+def fpfh(points: Float | Array, normals: Float | Array, radius: float) -> Array:
+    """Return the fast point feature histograms (n, 33) of points (n, 3) with normals (n, 3), by those within `radius`.
 
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.astype(float)))
-    cloud.normals = o3d.utility.Vector3dVector(normals.astype(float))
+    Raises `DependencyError` without Open3D.
+    """
+    o3d = open3d()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.asarray(points, float)))
+    cloud.normals = o3d.utility.Vector3dVector(np.asarray(normals, float))
     neighbours = o3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=100)
     return np.asarray(o3d.pipelines.registration.compute_fpfh_feature(cloud, neighbours).data).T
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin import kernels
 from pwralign_kin.checked_options import CheckedOptions, NotNegative
 from pwralign_kin.estimation.sensing.observation import Observation
 from pwralign_kin.exceptions import OptionError, UnknownNameError
@@ -136,8 +137,8 @@ class SearchPrior:
             return False
         return self.rotation_std <= NEAR_TURN and self.translation_std <= NEAR_DISTANCE
 
-    def tell(self, native: Any) -> None:
-        """Tell a `kernels.Search`."""
+    def tell(self, native: kernels.Search) -> None:
+        """Tell the search's kernels what is known."""
         none = np.zeros(0)
         position = none if self.placement is None else np.ascontiguousarray(self.placement[:3, 3])
         turn = none
