@@ -173,12 +173,12 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
         const float z = float(depth[int64_t(row) * view.width + column]) * scale;
         return z > 0 && std::isfinite(z) ? z : 0.f;
     };
-    // Whether a pixel lies at a depth edge across it and goes on with neither surface, level or as that slopes.
+    // Whether a pixel lies at a depth edge across it and goes on with neither surface as that slopes.
     auto mixes = [&](float z, int row, int column, int down, int right) {
         const float before = at(row - down, column - right), after = at(row + down, column + right);
         if (before == 0 || after == 0 || std::abs(after - before) < depth_edge) return false;
         auto goes_on = [&](float next, float beyond) {
-            return std::abs(next - z) < mixed_pixel || (beyond > 0 && std::abs(2 * next - beyond - z) < mixed_pixel);
+            return beyond > 0 && std::abs(2 * next - beyond - z) < mixed_pixel;
         };
         return !goes_on(before, at(row - 2 * down, column - 2 * right)) &&
                !goes_on(after, at(row + 2 * down, column + 2 * right));
