@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.71, 3.5, 3.06, 0.26, -1.47, -0.49, -4.85)
+PRESENT = (3.14, 3.48, 3.72, 0.23, -0.91, -0.13, -4.37)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
@@ -22,8 +22,9 @@ EXPLAINED = 0.6
 ALIKE = 0.8 * AGREED[1]
 """How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
 explained."""
-SHOWN = (0.2, 0.8)
-"""How much surface is in sight, against what a scan usually shows: less tells no more, nor does more."""
+SHOWN = (0.05, 0.2)
+"""How much surface is in sight, against what a picture usually shows: less tells no more, and right answers show
+more."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""
@@ -69,11 +70,10 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
     seen = np.clip(evidence.in_sight, 0.1, 0.8) * np.clip(evidence.agreed, *AGREED)
     alike = seen * max(evidence.explained, EXPLAINED)
-    shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
     return np.array(
         [
             unlike * np.log(alike / ALIKE),
-            np.log(np.clip(shown, *SHOWN)),
+            np.log(np.clip(evidence.shown, *SHOWN) / SHOWN[1]),
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
             10.0 * (np.clip(evidence.refuted, *REFUTED) - REFUTED[0]),
