@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.14, 3.48, 3.72, 0.23, -0.91, -0.13, -4.37)
+PRESENT = (2.97, 3.61, 2.12, 0.07, -1.73, -2.05, -4.08)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-Both by `pwralign_kin.benchmark.calibration.fitted`: the first to answers to scans such as those of `python
-scripts/benchmark.py --table confidence`, the second to those of an earlier estimator that was wrong more often, for too
-few of today's are. The table shows what it finds beside these."""
+Both by `pwralign_kin.benchmark.calibration.fitted`: the first to most of the scans of `python scripts/benchmark.py
+--table confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
+are. The table shows what it finds beside these."""
 AGREED = (0.3, 0.95)
 """Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
 EXPLAINED = 0.6
@@ -22,13 +22,12 @@ EXPLAINED = 0.6
 ALIKE = 0.8 * AGREED[1]
 """How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
 explained."""
-SHOWN = (0.05, 0.2)
-"""How much surface is in sight, against what a picture usually shows: less tells no more, and right answers show
-more."""
+SHOWN = (0.2, 0.6)
+"""How much surface is in sight, against what a picture usually shows: less tells no more, nor does more."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""
-REFUTED = (0.1, 0.9)
+REFUTED = (0.15, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
 SIZE_GAIN = (0.025, 0.1)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""

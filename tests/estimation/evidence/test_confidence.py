@@ -57,7 +57,7 @@ def test_a_wrong_limb_leaves_points_a_part_without_any_and_a_better_rival(
     assert found.lacking > 0.1
     assert found.margin < 0.0
     assert found.distinct < 0.0
-    assert confidence(found) < 0.2
+    assert confidence(found) < 0.3
     assert soundness(found) < 0.2
 
 
@@ -164,16 +164,21 @@ def test_what_a_view_does_not_show_is_not_missed(arm: pk.ArticulatedModel) -> No
     assert torn.explained > 0.95
 
 
-def test_an_answer_behind_what_a_view_saw_shows_nothing(
-    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+def test_an_answer_behind_what_a_view_saw_hides_its_surface(
+    comparison: ScanComparison, arm: pk.ArticulatedModel, units: np.ndarray
 ) -> None:
-    middle, D = full_scan.scan.points.mean(axis=0), arm.diagonal
-    steps = np.linspace(-0.9, 0.9, 220)
-    wall = middle + D * np.stack([*np.meshgrid(steps, steps), np.full((220, 220), 0.6)], axis=-1).reshape(-1, 3)
-    observation = observe(pk.Scan(wall, sensor_origin=middle + D * np.array([0.0, 0.0, 2.5])), D, ObservationOptions(), 2)
-    hidden = evidence(comparison.of(observation), arm, full_scan.state, units)
-    assert hidden.shown < 0.05
-    assert confidence(dataclasses.replace(GOOD, shown=hidden.shown)) < 0.2
+    seen = pk.simulate(arm, sensor=TIERS["single"], seed=4)
+    origin = seen.view_origins[0]
+    rays = seen.scan.points - origin
+    before = origin + rays * (1.0 - 0.1 * arm.diagonal / np.linalg.norm(rays, axis=1, keepdims=True))
+    shown, hidden = (
+        evidence(
+            comparison.of(observe(pk.Scan(points, sensor_origin=origin), arm.diagonal, ObservationOptions(), 2)),
+            arm, seen.state, units,
+        ).shown
+        for points in (seen.scan.points, before)
+    )  # fmt: skip
+    assert hidden < 0.4 * shown
 
 
 def test_surface_that_points_cross_does_not_agree_with_them(
