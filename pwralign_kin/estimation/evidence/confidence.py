@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (2.97, 3.61, 2.12, 0.07, -1.73, -2.05, -4.08)
+PRESENT = (2.99, 3.93, 2.13, 0.08, -1.77, -2.04, -4.08)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
@@ -15,6 +15,9 @@ RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 Both by `pwralign_kin.benchmark.calibration.fitted`: the first to most of the scans of `python scripts/benchmark.py
 --table confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
 are. The table shows what it finds beside these."""
+MOST_UNLIKE = 0.2
+"""Share of strange and astray points from which more tells no more: fused meshes, and sensors that bend surfaces, make
+as much of right answers."""
 AGREED = (0.3, 0.95)
 """Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
 EXPLAINED = 0.6
@@ -66,7 +69,7 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     model's goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit
     better.
     """
-    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, MOST_UNLIKE))
     seen = np.clip(evidence.in_sight, 0.1, 0.8) * np.clip(evidence.agreed, *AGREED)
     alike = seen * max(evidence.explained, EXPLAINED)
     return np.array(
