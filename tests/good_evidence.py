@@ -14,6 +14,7 @@ GOOD = Evidence(
     noise=0.002,
     borne_out=0.6,
     in_sight=0.85,
+    shown=1.0,
     agreed=0.95,
     explained=1.0,
     strange=0.0,

@@ -59,7 +59,10 @@ FEW: Mapping[str, Sensor] = MappingProxyType(
 )
 """Scans of hardly any points, for the fit of the confidence only."""
 
-SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH, **FEW})
+MESHED: Mapping[str, Sensor] = MappingProxyType({"meshed": Sensor(views=5, points=6000, bend=0.01, rounding=0.03)})
+"""A mesh fused from a few views, off the surface and round at its edges though hardly noisy; for that too."""
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType({**TIERS, PARKED: TIERS["hololens"], **HARSH, **FEW, **MESHED})
 """The sensor of every tier."""
 
 _LEAST_LABELLED = 0.01

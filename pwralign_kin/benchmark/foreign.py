@@ -30,13 +30,13 @@ SOLIDS = {
 """Shapes of one part, URDF."""
 
 SOLID_TIERS = ("full", "single", "sparse")
-ROBOT_TIERS = ("full", "single", "hololens")
-OTHERS = 3
+ROBOT_TIERS = ("full", "single", "hololens", "meshed")
+OTHERS = 4
 """Other robots that each model is looked for in, ..."""
 SIZES = (1.0, 0.5)
 """... and sizes of solids, as shares of the model's."""
-WRONG_SIZES = {"wrong size": (0.7, 1.4), "nearly the size": (0.87, 1.15)}
-"""Sizes of the model itself: a wrong unit, or a wrong variant."""
+WRONG_SIZES = {"wrong size": (0.7, 1.4, 1.4, 0.7), "nearly the size": (0.87, 1.15, 1.15, 0.87)}
+"""Sizes of the model itself, one for each of these tiers: a wrong unit, or a wrong variant."""
 
 
 def measure(models: Models, threads: int, progress: Progress) -> list[Outcome]:
@@ -63,7 +63,7 @@ def cases(name: str, model: ArticulatedModel, others: Sequence[tuple[str, Articu
         tier = ROBOT_TIERS[step % len(ROBOT_TIERS)]
         yield _scaled(simulated_case(shape, other, tier, 0), name, other, model.diagonal / shape.diagonal)
     for what, sizes in WRONG_SIZES.items():
-        for tier, size in zip(ROBOT_TIERS, sizes, strict=False):
+        for tier, size in zip(ROBOT_TIERS, sizes, strict=True):
             yield _scaled(simulated_case(model, name, tier, 0), name, what, size)
     yield _without_model(simulated_case(model, name, "clutter", 0), "clutter alone")
     made = scene(model, name, "furniture", 0)

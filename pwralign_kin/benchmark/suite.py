@@ -27,6 +27,7 @@ from pwralign_kin.benchmark import (
 from pwralign_kin.benchmark.cases import (
     FEW,
     HARSH,
+    MESHED,
     PARKED,
     ROBOTS,
     Case,
@@ -195,6 +196,7 @@ def confidence_fit(settings: Settings, progress: Progress) -> Result:
     outcomes = _evaluate(settings, robots, TIERS, {"default": DEFAULT}, progress, 1)
     outcomes += _evaluate(settings, robots, HARSH, {"default": DEFAULT}, progress, 2)
     outcomes += _evaluate(settings, robots, FEW, {"default": DEFAULT}, progress, 1)
+    outcomes += _evaluate(settings, robots, MESHED, {"default": DEFAULT}, progress, 2)
     without_guess = [tier for tier in TIERS if tier != "warm"]
     outcomes += _evaluate(settings, robots, without_guess, {HASTY_NAME: HASTY}, progress, 1)
     outcomes += scenes.as_cases(models(settings.samples, robots), FIT_ROOMS, settings.threads, progress)

@@ -65,6 +65,10 @@ class Sensor(CheckedOptions):
     """Standard deviation of an error of the distance that changes smoothly from place to place: what depth cameras
     make of surfaces."""
 
+    rounding: Annotated[float, Range(0, 0.1)] = 0.0
+    """Radius of the ball whose points are averaged into each of its own: what fusing many views into one mesh makes of
+    edges, corners and thin parts, and of the noise."""
+
     mixed_pixels: Share = 0.0
     """Share of the pixels at depth edges that show a depth between the two surfaces."""
 

@@ -158,6 +158,7 @@ def simulate(
     returns = _without_missing(returns, model, sensor, seed)
     returns = _bent(returns, model.diagonal, sensor, seed)
     returns = _noisy(returns, model.diagonal, sensor, seed)
+    returns = _rounded(returns, model.diagonal, sensor)
     returns = _with_strays(returns, model.diagonal, sensor, seed)
 
     view_origins = np.stack([image.origin for image in images])
@@ -334,6 +335,17 @@ def _noisy(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Re
     else:
         offset = rng.normal(scale=sigma, size=returns.points.shape)
     return _Returns(returns.points + offset, returns.labels, returns.view, returns.directions)
+
+
+def _rounded(returns: _Returns, diagonal: float, sensor: Sensor) -> _Returns:
+    """Move each point to the mean of those about it, as a mesh fused from many views does."""
+    if sensor.rounding == 0.0:
+        return returns
+    from scipy.spatial import cKDTree
+
+    around = cKDTree(returns.points).query_ball_point(returns.points, sensor.rounding * diagonal)
+    means = np.array([returns.points[own].mean(axis=0) for own in around])
+    return _Returns(means, returns.labels, returns.view, returns.directions)
 
 
 def _with_strays(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Returns:

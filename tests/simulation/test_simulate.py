@@ -131,6 +131,19 @@ def test_bent_surfaces_are_off_along_the_rays_and_smoothly(crane: ArticulatedMod
     assert near.sum() > 10 and np.ptp(along[near]) < 0.5 * np.ptp(along)
 
 
+def test_a_fused_mesh_is_smooth_and_round_at_its_edges(crane: ArticulatedModel) -> None:
+    state = random_state(crane, 6)
+    noisy, fused, exact = (
+        simulate(crane, state, Sensor(noise=noise, rounding=rounding), seed=6)
+        for noise, rounding in ((0.01, 0.0), (0.01, 0.03), (0.0, 0.03))
+    )
+    off, smooth, edges = (
+        distances(crane, state, made.scan.points).min(axis=0) / crane.diagonal for made in (noisy, fused, exact)
+    )
+    assert np.median(smooth) < 0.8 * np.median(off)
+    assert np.median(edges) < 0.004 and 0.004 < np.quantile(edges, 0.95) < 0.03
+
+
 def test_stray_points_are_added_around_the_model(crane: ArticulatedModel) -> None:
     simulated = simulate(crane, sensor=Sensor(points=1000, stray=0.1, noise=0.0), seed=7)
     stray = simulated.labels == -1
@@ -293,6 +306,7 @@ def test_saved_scans_come_back(crane: ArticulatedModel, tmp_path: Path) -> None:
         ({"noise": -0.1}, "noise must be a finite number from 0"),
         ({"noise": float("nan")}, "noise must be a finite number from 0"),
         ({"bend": -0.1}, "bend must be"),
+        ({"rounding": 0.2}, "rounding must be"),
         ({"stray": -1.0}, "stray must be"),
         ({"mixed_pixels": 1.5}, "mixed_pixels must be a number from 0 to 1, not 1.5"),
         ({"missing_random_parts": -1}, "missing_random_parts must be"),

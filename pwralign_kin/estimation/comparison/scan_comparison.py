@@ -348,16 +348,18 @@ class ScanComparison:
         kept: Look = self._looks[key]
         return kept
 
-    def confirmed(self, candidate: Candidates) -> tuple[float, float]:
+    def confirmed(self, candidate: Candidates) -> tuple[float, float, float]:
         """Return the share of one candidate's surface in sight that scan points confirm: they lie on it, and are
         oriented like it. In sight of a sensor is what faces it and nothing hides; without one, all.
 
         The second is the share of that alone which points lie on at all, 1 where none do: a hole in the scan does not
-        speak against a surface, one that crosses it does."""
+        speak against a surface, one that crosses it does. The third is the share of the whole surface that is in
+        sight."""
         placements = np.ascontiguousarray(self.part_placements(candidate)[0])
         distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
         shown, near, confirmed = (float(self.areas @ own) for own in self.native.in_sight(placements, distance, ALIKE))
-        return confirmed / max(shown, 1e-9), confirmed / near if near > 0.0 else 1.0
+        whole = float(self.areas[self.exists].sum())
+        return confirmed / max(shown, 1e-9), confirmed / near if near > 0.0 else 1.0, shown / whole
 
     def pictured(self, candidate: Candidates) -> float:
         """Return the share of one candidate's surface that is within the picture of a view; 1 where nothing cuts it."""

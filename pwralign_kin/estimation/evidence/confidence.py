@@ -7,14 +7,17 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (3.71, 3.5, 3.06, 0.26, -1.47, -0.49, -4.85)
+PRESENT = (2.99, 3.93, 2.13, 0.08, -1.77, -2.04, -4.08)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-Both by `pwralign_kin.benchmark.calibration.fitted`: the first to answers to scans such as those of `python
-scripts/benchmark.py --table confidence`, the second to those of an earlier estimator that was wrong more often, for too
-few of today's are. The table shows what it finds beside these."""
+Both by `pwralign_kin.benchmark.calibration.fitted`: the first to most of the scans of `python scripts/benchmark.py
+--table confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
+are. The table shows what it finds beside these."""
+MOST_UNLIKE = 0.2
+"""Share of strange and astray points from which more tells no more: fused meshes, and sensors that bend surfaces, make
+as much of right answers."""
 AGREED = (0.3, 0.95)
 """Share of the surface that points lie on that is oriented like them: corners, and noise, take the rest."""
 EXPLAINED = 0.6
@@ -22,12 +25,12 @@ EXPLAINED = 0.6
 ALIKE = 0.8 * AGREED[1]
 """How much of model and scan is alike, at most: product of the shares of one confirmed, and agreeing, and of the other
 explained."""
-SHOWN = (0.2, 0.8)
-"""How much surface is in sight, against what a scan usually shows: less tells no more, nor does more."""
+SHOWN = (0.2, 0.6)
+"""How much surface is in sight, against what a picture usually shows: less tells no more, nor does more."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""
-REFUTED = (0.1, 0.9)
+REFUTED = (0.15, 0.9)
 """Share of the surface that a single view looks past: pixels mixed at edges make as much of right answers."""
 SIZE_GAIN = (0.025, 0.1)
 """Gain by a model of another size: sensors and noise make less, and beyond the second, more tells no more."""
@@ -66,14 +69,13 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
     model's goes on beyond it, a view from one side looks past much of the model, and a model of another size may fit
     better.
     """
-    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, 0.4))
+    unlike = np.sqrt(10.0 * min(evidence.strange + evidence.astray, MOST_UNLIKE))
     seen = np.clip(evidence.in_sight, 0.1, 0.8) * np.clip(evidence.agreed, *AGREED)
     alike = seen * max(evidence.explained, EXPLAINED)
-    shown = max(evidence.borne_out, 0.01) / max(evidence.in_sight, 0.02)
     return np.array(
         [
             unlike * np.log(alike / ALIKE),
-            np.log(np.clip(shown, *SHOWN)),
+            np.log(np.clip(evidence.shown, *SHOWN) / SHOWN[1]),
             np.clip(evidence.distinct, -8.0, 4.0),
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
             10.0 * (np.clip(evidence.refuted, *REFUTED) - REFUTED[0]),

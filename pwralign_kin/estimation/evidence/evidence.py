@@ -13,7 +13,7 @@ from pwralign_kin.estimation.comparison.continuation import continued, continued
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
 from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.evidence.other_size import SAME_SIZE
-from pwralign_kin.estimation.sensing.observation import median
+from pwralign_kin.estimation.sensing.observation import ONE_SIDE, median
 from pwralign_kin.estimation.sensing.patches import patches
 
 LEAST_POINTS = 8
@@ -81,6 +81,10 @@ class Evidence:
     """Share of the model's surface that points confirm, of that which is in sight: a single view does not show what is
     turned away, or hidden by what it saw."""
 
+    shown: float
+    """Share of the model's surface that is in sight, of what a picture of it usually shows: some answers hide most of
+    it, where nothing can contradict them. 1 without a sensor."""
+
     agreed: float
     """The same, of that which points lie on, however they are oriented: a scan with holes does not show all that is in
     sight, but what it shows is like the model."""
@@ -144,7 +148,8 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
     compared = Candidates.concatenate([answer, comparison.scored(rivals)[0]]) if len(rivals) else answer
     refuted = max(0.0, -float(support[0] @ weights / weights.sum())) if observation.single_view else 0.0
     margin, distinct, told = _margins(comparison, compared, apart, beyond)
-    in_sight, agreed = comparison.confirmed(final)
+    in_sight, agreed, shown = comparison.confirmed(final)
+    pictured = comparison.pictured(final)
     return Evidence(
         nearby=float(nearby),
         lacking=float(lacking),
@@ -153,8 +158,9 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
         distinct=distinct,
         told=told,
         noise=observation.noise,
-        borne_out=min(1.0, confirmed * float(shares @ weights) / float(weights.sum()) / comparison.pictured(final)),
+        borne_out=min(1.0, confirmed * float(shares @ weights) / float(weights.sum()) / pictured),
         in_sight=in_sight,
+        shown=min(1.0, shown / (ONE_SIDE * pictured)) if observation.single_view else 1.0,
         agreed=agreed,
         explained=1.0 - comparison.unexplained(final) if observation.scene else float(on_model),
         strange=float(strange),
