@@ -70,10 +70,9 @@ def _mended_by_turns(
             break
         repaired = repair(TreeSearch(comparison), comparison.scored(found)[0], repairing, turn=False)
         better = _better(comparison, found, repaired)
-        again = mended(model, comparison, found if better is None else better)
-        if better is None and again is None:
+        if better is None:
             break
-        found = better if again is None else again
+        found = mended(model, comparison, better) or better
     return found
 
 
