@@ -27,7 +27,7 @@ PARTS, ROUNDS = 2, 6
 GAIN = 0.002
 """... as long as the scores that answers are ranked by gain this, ..."""
 MOSTLY = 0.5
-"""... and the likelihood of all points this share of what that of the part's own is less."""
+"""... and the likelihood of all points this share of what that of the part's own is less, of several the least."""
 BENT = 1.5
 """How many times as far from an answer as noise explains the points may be: farther in bent scans, where parts lie off
 their points in the right answer too."""

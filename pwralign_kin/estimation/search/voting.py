@@ -50,9 +50,7 @@ class VoteOptions(CheckedOptions):
     least_points: Count = 25
     """Unexplained points that are worth a vote, ..."""
     least_misfits: Count = 5
-    """... or so many that lie by the surface, but farther off than noise explains, ..."""
-    misfit_radius: NotNegative = 0.03
-    """... with others this near to each of them."""
+    """... or so many that are farther than noise explains from all but parts off their points."""
 
 
 def voted(
@@ -66,8 +64,9 @@ def voted(
 ) -> Candidates | None:
     """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
 
-    When `doubting`, points on parts that explain too little vote too: they may belong to another part. Where some parts
-    are known to lie `off` their points, these are wrong as well, and noise alone explains no distance.
+    When `doubting`, points on parts that are wrong vote too: they may belong to another part. Parts that explain too
+    little are, and those known to lie `off` their points; where there are such, points are explained to within the
+    noise alone, and what is right beyond what is wrong is held in other ways too.
     """
     comparison = search.comparison
     owners = comparison.owners(solution, comparison.exists)[1]
