@@ -87,14 +87,14 @@ def test_a_part_off_its_points_is_brought_to_them_though_it_explains_them(
 
 WRIST = """<robot name="wrist">
   <link name="body"><visual><geometry><box size="0.3 0.5 0.2"/></geometry></visual></link>
-  <link name="first"><visual><origin xyz="0.08 0 -0.03"/><geometry><box size="0.16 0.06 0.05"/></geometry></visual></link>
-  <link name="second"><visual><origin xyz="0.09 0 0"/><geometry><box size="0.16 0.05 0.04"/></geometry></visual></link>
+  <link name="one"><visual><origin xyz="0.08 0 -0.03"/><geometry><box size="0.16 0.06 0.05"/></geometry></visual></link>
+  <link name="two"><visual><origin xyz="0.09 0 0"/><geometry><box size="0.16 0.05 0.04"/></geometry></visual></link>
   <link name="leg"><visual><origin xyz="0 0 -0.3"/><geometry><box size="0.12 0.08 0.5"/></geometry></visual></link>
-  <joint name="a" type="revolute"><parent link="body"/><child link="first"/><origin xyz="0.05 0.1 -0.13"/>
+  <joint name="a" type="revolute"><parent link="body"/><child link="one"/><origin xyz="0.05 0.1 -0.13"/>
     <axis xyz="0 0 1"/><limit lower="-3.1416" upper="3.1416" effort="1" velocity="1"/></joint>
-  <joint name="b" type="revolute"><parent link="first"/><child link="second"/><origin xyz="0 0 -0.06"/>
+  <joint name="b" type="revolute"><parent link="one"/><child link="two"/><origin xyz="0 0 -0.06"/>
     <axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/></joint>
-  <joint name="c" type="revolute"><parent link="second"/><child link="leg"/>
+  <joint name="c" type="revolute"><parent link="two"/><child link="leg"/>
     <axis xyz="0 0 1"/><limit lower="-3.1416" upper="3.1416" effort="1" velocity="1"/></joint>
 </robot>"""
 
