@@ -14,6 +14,7 @@ from pwralign_kin.estimation.answers.answer_search import EFFORTS, LACKING
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.ranking import ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -49,11 +50,30 @@ def contested(
     if comparison.observation.scene:
         won = _repaired_in_scene(solver, final, options)
         return None if won is None else Candidates.concatenate([won, finished])
-    better = mended(solver.model, comparison, final)
+    better = _mended_by_turns(solver.model, comparison, final, options)
     final = final if better is None else better  # which may be held at a limit too
     won = _better(comparison, final, _across_limits(solver, final))
     won = better if won is None else won
     return None if won is None else Candidates.concatenate([won, finished])
+
+
+def _mended_by_turns(
+    model: ArticulatedModel, comparison: ScanComparison, final: Candidates, options: EstimatorOptions
+) -> Candidates | None:
+    """Return the final configuration mended, and repaired and mended again as long as parts lie off their points and
+    that gains; None where nothing does."""
+    found = mended(model, comparison, final)
+    rounds = min(options.repair.rounds, EFFORTS[options.effort].repairs)
+    repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
+    for _ in range(TURNS):
+        if found is None or len(off_points(comparison, found)[0]) == 0:
+            break
+        repaired = repair(TreeSearch(comparison), comparison.scored(found)[0], repairing, turn=False)
+        better = _better(comparison, found, repaired)
+        if better is None:
+            break
+        found = mended(model, comparison, better) or better
+    return found
 
 
 def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: EstimatorOptions) -> Candidates | None:

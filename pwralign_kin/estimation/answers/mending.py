@@ -11,25 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, point_likelihoods, ranked, ranks
+from pwralign_kin.estimation.comparison.off_points import off_points
+from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.joint_closing import Chain, JointClosing, chains_between
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.se3 import Array
 
 Ints = NDArray[np.int64]
 
-LESS, LESS_EACH = 8.0, 0.3
-"""By how much the logarithm of the likelihood of a part's points must be less than that of as many usual ones, and by
-how much of each point on average, for the part to be off them."""
 PARTS, ROUNDS = 2, 6
 """Parts that are mended at a time, those first that are most off their points, and times in a row, ..."""
 GAIN = 0.002
 """... as long as the scores that answers are ranked by gain this, ..."""
 MOSTLY = 0.5
-"""... and the likelihood of all points this share of what that of the part's own is less."""
+"""... and the likelihood of all points this share of what that of the part's own is less, of several the least."""
 BENT = 1.5
 """How many times as far from an answer as noise explains the points may be: farther in bent scans, where parts lie off
 their points in the right answer too."""
@@ -38,6 +36,9 @@ UP = 2
 WAYS, HELD, SWEPT, REFINED = 8, 16, 3, 32
 """Ways in which what is cut is grown anew, how many of all ways to hold a part its own joints are swept in, values that
 each sweep keeps, and how many configurations are refined."""
+VOTES, VOTED = VoteOptions(), 8
+"""How votes are cast about such parts, and how many configurations that they lead to are refined, and of those that
+differ from the first of these in whole limbs."""
 APART = 0.015
 """Displacement of one part (model diagonals) from which on two configurations are not the same."""
 
@@ -51,36 +52,25 @@ def mended(model: ArticulatedModel, comparison: ScanComparison, answer: Candidat
         return None
     mender = _Mender(model, comparison)
     found = None
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
         parts, less = off_points(comparison, answer)
         if len(parts) == 0:
             break
         # What refinement alone would gain is no merit of a repair.
         start = ranked(comparison, answer if found is not None else refined_both_ways(comparison, answer)).take([0])
-        tried = [start, *(refined_both_ways(comparison, mender.ways_of(answer, int(part))) for part in parts[:PARTS])]
+        ways = [mender.voted(answer, parts, round_), *(mender.ways_of(answer, int(part)) for part in parts[:PARTS])]
+        tried = [start, *(refined_both_ways(comparison, some) for some in ways)]
         several = Candidates.concatenate(tried)
         each = finest(comparison, several)
         scores, likelihoods = ranks(comparison, several, each), each * len(comparison.observation.given)
-        needed = np.repeat(MOSTLY * np.append(0.0, less[:PARTS]), [len(some) for some in tried])
+        least = np.concatenate([[0.0], less[:PARTS][-1:], less[:PARTS]])
+        needed = np.repeat(MOSTLY * least, [len(some) for some in tried])
         likely = np.flatnonzero(likelihoods >= likelihoods[0] + needed)
         best = likely[np.argmax(scores[likely])]
         if scores[best] < scores[0] + GAIN:
             break
         found = answer = Candidates(several.bases, several.values, scores).take([best])
     return found
-
-
-def off_points(comparison: ScanComparison, answer: Candidates) -> tuple[Ints, Array]:
-    """Return the parts whose points lie off them more than the points of others, the worst first, and by how much the
-    logarithm of the likelihood of their points is less than that of as many usual ones."""
-    likelihoods, part = point_likelihoods(comparison, answer)
-    count = len(comparison.exists)
-    points = np.bincount(part[part >= 0], minlength=count)
-    each = np.bincount(part[part >= 0], likelihoods[part >= 0], count) / np.maximum(points, 1)
-    less = np.median(each[points > 0]) - each if points.any() else np.zeros(count)
-    off = 1 + np.flatnonzero(((less > LESS_EACH) & (less * points > LESS))[1:])  # the first part hangs on nothing
-    off = off[np.argsort(-(less * points)[off], kind="stable")]
-    return off, (less * points)[off]
 
 
 class _Mender:
@@ -98,6 +88,11 @@ class _Mender:
         apart = APART / int(comparison.exists.sum())
         swept = self._swept(comparison.distinct(comparison.scored(held)[0], HELD, apart), part)
         return comparison.distinct(comparison.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
+
+    def voted(self, answer: Candidates, off: Ints, seed: int) -> Candidates:
+        """Return the most promising configurations that the points on parts `off` theirs vote for."""
+        votes = voted(self.search, answer, VOTES, seed, doubting=True, off=off)
+        return answer.take([]) if votes is None else self.search.sifted(votes, VOTED, VOTED)
 
     def _held_otherwise(self, answer: Candidates, part: int) -> Candidates:
         """Return the answer, and others in which a limb that ends with `part`, or begins with it, is held otherwise."""

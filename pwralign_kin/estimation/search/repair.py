@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.search.voting import VoteOptions, misfits, voted
+from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, rotation_about
 
@@ -153,9 +154,10 @@ def repair_moves(
         ways = (True,) if search.observation.scene else (False, True)
         votes = [voted(search, solution, options.votes, seed, doubting=doubting) for doubting in ways]
         moves += [vote for vote in votes if vote is not None]
-    elif foremost and misfits(comparison, solution, options.votes) >= options.votes.least_misfits:
-        # A small part that is wrong leaves little unexplained where other surface lies near to its points.
-        vote = voted(search, solution, options.votes, seed, doubting=False, by_noise=True)
+    elif foremost:
+        # A part that is wrong leaves little unexplained where other surface lies near to its points.
+        off = off_points(comparison, solution)[0]
+        vote = voted(search, solution, options.votes, seed, doubting=True, off=off) if len(off) else None
         moves += [] if vote is None else [vote]
     if foremost:
         moves.append(_swept(comparison, solution, options.held_limbs))

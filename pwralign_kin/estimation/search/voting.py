@@ -15,10 +15,14 @@ from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.off_points import Ints
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, transform
+
+Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -46,43 +50,49 @@ class VoteOptions(CheckedOptions):
     least_points: Count = 25
     """Unexplained points that are worth a vote, ..."""
     least_misfits: Count = 5
-    """... or so many that lie by the surface, but farther off than noise explains, ..."""
-    misfit_radius: NotNegative = 0.03
-    """... with others this near to each of them."""
+    """... or so many that are farther than noise explains from all but parts off their points."""
 
 
 def voted(
-    search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int, *, doubting: bool, by_noise: bool = False
+    search: TreeSearch,
+    solution: Candidates,
+    options: VoteOptions,
+    seed: int,
+    *,
+    doubting: bool,
+    off: Ints | None = None,
 ) -> Candidates | None:
     """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
 
-    When `doubting`, points on parts that explain too little vote too: they may belong to another part. When `by_noise`,
-    points farther from the surface than noise explains are unexplained.
+    When `doubting`, points on parts that are wrong vote too: they may belong to another part. Parts that explain too
+    little are, and those known to lie `off` their points; where there are such, points are explained to within the
+    noise alone, and what is right beyond what is wrong is held in other ways too.
     """
     comparison = search.comparison
     owners = comparison.owners(solution, comparison.exists)[1]
     share = comparison.fair_shares(owners)
-    lacking = comparison.lacking(share)
-    right = comparison.exists & ~lacking
-    lack = np.where(lacking, comparison.weights * (1.0 - share), 0.0)
-    wrong = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
+    wrong = comparison.lacking(share)
+    lack = np.where(wrong, comparison.weights * (1.0 - share), 0.0)
     reach, least = comparison.reach, options.least_points
-    if by_noise:
+    if off is not None:
+        wrong[off], lack[off] = True, comparison.weights[off]
         reach, least = comparison.noise_reach, options.least_misfits
+    right = comparison.exists & ~wrong
+    cast = [int(i) for i in np.argsort(-lack, kind="stable")[: options.parts] if lack[i] > 0]
     unexplained = comparison.owners(solution, right if doubting else comparison.exists)[0] > reach
     if search.observation.scene:
         unexplained &= _about(comparison, ~unexplained, options.scene_reach)
-    if unexplained.sum() < least or not wrong or not right.any():
+    if unexplained.sum() < least or not cast or not right.any():
         return None
     best = int(np.argmax(comparison.weights * share * right))
     weights = search.observation.weights * np.where(unexplained, 1.0, options.explained_weight)
     points = search.observation.points
     placements = comparison.part_placements(solution)[0]
-    ways = {part: path_between(comparison.parent, part, best) for part in wrong}
+    ways = {part: path_between(comparison.parent, part, best) for part in cast}
     regions = {part: _regions(comparison, placements, way, right, options.anchors) for part, way in ways.items()}
     widest = [list(own.values())[-1] for own in regions.values()]
     found = search.part_hypotheses(
-        np.array(wrong, np.int32),
+        np.array(cast, np.int32),
         [np.flatnonzero(unexplained & region.holds(points, comparison.reach)) for region in widest],
         options.points,
         seed,
@@ -95,13 +105,31 @@ def voted(
         for anchor, region in regions[int(part)].items()
         if region.holds(transform(T, comparison.surfaces[part].samples), comparison.reach).all()
     ]
-    if not tasks:
+    rows, holding = (np.array([task[column] for task in tasks], np.int32) for column in (0, 1))
+    placed = found.take(rows)
+    if off is not None:
+        inner, outer = _ends(comparison, right, wrong)
+        held = Hypotheses(outer, np.ascontiguousarray(placements[outer]), np.zeros(len(outer), np.float32))
+        holding, placed = np.concatenate([holding, inner]), Hypotheses.concatenate([placed, held])
+    if len(holding) == 0:
         return None
-    rows, holding = (np.array(column) for column in zip(*tasks, strict=True))
-    reached = search.reached(
-        solution, holding.astype(np.int32), found.take(rows), seed, options.starts, options.kept, options.tolerance
-    )
+    reached = search.reached(solution, holding, placed, seed, options.starts, options.kept, options.tolerance)
     return reached if len(reached) else None
+
+
+def _ends(comparison: ScanComparison, right: Bool, wrong: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return pairs of parts that are right, inner and outer, with one that is wrong on the way between them: three
+    joints in a row have two ways to hold what is beyond them."""
+    pairs = []
+    for outer in map(int, np.flatnonzero(right)):
+        inner, crossed = outer, False
+        while inner > 0 and (inner == outer or not right[inner]):
+            inner = int(comparison.parent[inner])
+            crossed |= bool(wrong[inner])
+        if crossed and right[inner]:
+            pairs.append((inner, outer))
+    inner_parts, outer_parts = (np.array([pair[end] for pair in pairs], np.int32) for end in (0, 1))
+    return inner_parts, outer_parts
 
 
 def _regions(
@@ -111,18 +139,6 @@ def _regions(
     nearest first, on its `way` to the best explained one; `placements` (parts, 4, 4) are those of all parts."""
     anchors = [node for node in way[1:] if right[node]][:most]
     return {anchor: region_of_interest(comparison, placements, way[: way.index(anchor) + 1]) for anchor in anchors}
-
-
-def misfits(comparison: ScanComparison, solution: Candidates, options: VoteOptions) -> int:
-    """Return how many scan points lie farther from one solution than noise explains, and not alone: strays do."""
-    from scipy.spatial import cKDTree
-
-    points = comparison.observation.points[comparison.owners(solution, comparison.exists)[0] > comparison.noise_reach]
-    if len(points) < options.least_misfits:
-        return 0
-    tree = cKDTree(points)
-    near = tree.query_ball_point(points, options.misfit_radius, return_length=True)
-    return int((near >= options.least_misfits).sum())
 
 
 def _about(comparison: ScanComparison, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:

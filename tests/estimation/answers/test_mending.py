@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.answers.mending import mended, off_points
+from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.off_points import off_points
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
+from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.simulation import TIERS
 
 NONE = np.zeros(1, np.float32)
 
@@ -59,3 +67,55 @@ def test_unexplained_points_vote_for_a_part_in_the_wrong_place(
 
 def test_an_answer_that_explains_everything_gets_no_votes(search: TreeSearch, right: Candidates) -> None:
     assert voted(search, right, VoteOptions(), 0, doubting=False) is None
+
+
+def test_a_part_off_its_points_is_brought_to_them_though_it_explains_them(
+    arm: pk.ArticulatedModel, search: TreeSearch, right: Candidates
+) -> None:
+    lower = [part.name for part in arm.parts].index("lower")
+    true = search.comparison.part_placements(right)[0, lower]
+    values = right.values.copy()
+    values[0, 1] += 0.12
+    wrong = Candidates(right.bases, values, NONE)
+    before = displaced(search, lower, wrong, true)[0]
+    off = off_points(search.comparison, wrong)[0]
+    assert lower in off and not search.comparison.lacks(wrong)[lower]
+    moved = voted(search, wrong, VoteOptions(), 0, doubting=True, off=off)
+    assert moved is not None
+    assert displaced(search, lower, moved, true).min() < 0.5 * before
+
+
+WRIST = """<robot name="wrist">
+  <link name="body"><visual><geometry><box size="0.3 0.5 0.2"/></geometry></visual></link>
+  <link name="one"><visual><origin xyz="0.08 0 -0.03"/><geometry><box size="0.16 0.06 0.05"/></geometry></visual></link>
+  <link name="two"><visual><origin xyz="0.09 0 0"/><geometry><box size="0.16 0.05 0.04"/></geometry></visual></link>
+  <link name="leg"><visual><origin xyz="0 0 -0.3"/><geometry><box size="0.12 0.08 0.5"/></geometry></visual></link>
+  <joint name="a" type="revolute"><parent link="body"/><child link="one"/><origin xyz="0.05 0.1 -0.13"/>
+    <axis xyz="0 0 1"/><limit lower="-3.1416" upper="3.1416" effort="1" velocity="1"/></joint>
+  <joint name="b" type="revolute"><parent link="one"/><child link="two"/><origin xyz="0 0 -0.06"/>
+    <axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/></joint>
+  <joint name="c" type="revolute"><parent link="two"/><child link="leg"/>
+    <axis xyz="0 0 1"/><limit lower="-3.1416" upper="3.1416" effort="1" velocity="1"/></joint>
+</robot>"""
+
+
+def test_three_joints_hold_what_is_beyond_them_the_other_way(tmp_path: Path) -> None:
+    path = tmp_path / "wrist.urdf"
+    path.write_text(WRIST)
+    wrist = pk.ArticulatedModel.from_urdf(path)
+    a, b, c = 0.5, 0.7, 0.4
+    scan = pk.simulate(wrist, pk.State(np.eye(4), {"a": a, "b": b, "c": c}), TIERS["full"], seed=2).scan
+    observation = observe(scan, wrist.diagonal, ObservationOptions(), 1)
+    sought = Sought(wrist.kernel_model, wrist.surfaces, SearchOptions(), 1)
+    comparison = ScanComparison(sought, observation, SearchPrior.nothing(wrist.values({})))
+    base = observation.to_search(wrist.root_placement(pk.State(np.eye(4), {})))
+    true = Candidates.single(base, np.array([a, b, c]))
+    other = Candidates.single(base, np.array([a - np.pi, -b, c - np.pi]))
+    leg, held = 3, comparison.part_placements(Candidates.concatenate([true, other]))[:, 3]
+    np.testing.assert_allclose(held[0], held[1], atol=1e-9)
+    off = off_points(comparison, other)[0]
+    assert set(off) <= {1, 2} and leg not in off
+    moved = voted(TreeSearch(comparison), other, VoteOptions(), 0, doubting=True, off=np.array([1, 2]))
+    assert moved is not None
+    apart = np.linalg.norm(comparison.probe_positions(moved) - comparison.probe_positions(true), axis=-1).mean(axis=1)
+    assert apart.min() < 0.005
