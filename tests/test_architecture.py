@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,15 +34,6 @@ ONLY_WHEN_CALLED = {
     "casadi", "collada", "cyclopts", "lxml", "matplotlib", "open3d", "PIL", "pinocchio", "platformdirs",
     "rich", "rosbags", "scipy", "trimesh", "xacro", "xacrodoc", "yaml", "yourdfpy",
 }  # fmt: skip
-
-MODULES = {"open3d-cpu": "open3d", "pillow": "PIL", "pin": "pinocchio", "pyyaml": "yaml"}
-"""Modules of required distributions that are not called like them."""
-
-BY_TRIMESH = {"charset-normalizer", "pycollada"}
-"""What trimesh alone imports, for texts that are not UTF-8 and for DAE."""
-
-FOR_COMPARISON = {"baselines", "benchmark"}
-"""What needs the benchmark extra."""
 
 FILES = sorted(ROOT.rglob("*.py"))
 
@@ -122,18 +111,6 @@ def test_heavy_libraries_load_only_when_used(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     loaded = {name.partition(".")[0] for node in _at_top_level(tree) for name in _imported(node)}
     assert not loaded & (ONLY_WHEN_CALLED - allowed)
-
-
-def test_what_is_required_is_used_beyond_comparisons() -> None:
-    project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    required = {match[0] for line in project["dependencies"] if (match := re.match(r"[\w-]+", line))}
-    used: set[str] = set()
-    for path in FILES:
-        if _unit(path) not in FOR_COMPARISON:
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                # `dependencies` has a function of each library's name that loads it.
-                used |= {name.removeprefix(f"{PACKAGE}.dependencies.").partition(".")[0] for name in _imported(node)}
-    assert {MODULES.get(name, name) for name in required - BY_TRIMESH} <= used
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if _unit(path) != "cli"], ids=_id)

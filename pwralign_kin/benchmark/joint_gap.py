@@ -12,7 +12,6 @@ import numpy as np
 from pwralign_kin.benchmark.cases import Case
 from pwralign_kin.benchmark.runs import Progress
 from pwralign_kin.benchmark.table import markdown
-from pwralign_kin.dependencies import peer
 from pwralign_kin.estimation import Estimate, EstimatorOptions, estimate
 from pwralign_kin.export import export
 from pwralign_kin.model import ArticulatedModel
@@ -153,11 +152,10 @@ def read_by_pinocchio(urdf: Path, values: Mapping[str, float]) -> Placements:
 
 
 def read_by_yourdfpy(urdf: Path, values: Mapping[str, float]) -> Placements:
-    """Return the placement of every link by yourdfpy, which follows the mimic tags itself.
+    """Return the placement of every link by yourdfpy, which follows the mimic tags itself."""
+    import yourdfpy
 
-    Raises `DependencyError` where yourdfpy is missing.
-    """
-    robot = peer("yourdfpy").URDF.load(str(urdf), load_meshes=False, build_scene_graph=True)
+    robot = yourdfpy.URDF.load(str(urdf), load_meshes=False, build_scene_graph=True)
     robot.update_cfg({name: values[name] for name in robot.actuated_joint_names})
     return {link: np.array(robot.get_transform(link)) for link in robot.link_map}
 
