@@ -253,6 +253,7 @@ void bind_clouds(nb::module_ &m) {
     }, "rows"_a);
     m.def("steps_around", [](Points points, Points normals, double step, int directions) {
         require(points.shape(0) == normals.shape(0), "points and normals differ in length");
+        require(directions >= 0, "the number of directions is negative");
         return to_numpy(steps_around(vectors(points), vectors(normals), points.shape(0), step, directions));
     }, "points"_a, "normals"_a, "step"_a, "directions"_a);
     m.def("dominant_plane", [](Points points, Points normals, float tolerance, int trials, uint64_t seed) {

@@ -176,9 +176,10 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
     // Whether a pixel lies at a depth edge across it and goes on with neither surface as that slopes.
     auto mixes = [&](float z, int row, int column, int down, int right) {
         const float before = at(row - down, column - right), after = at(row + down, column + right);
-        if (before == 0 || after == 0 || std::abs(after - before) < depth_edge) return false;
+        auto jumps = [](float a, float b) { return a > 0 && b > 0 && std::abs(a - b) >= depth_edge; };
+        if (!jumps(before, after) && !jumps(before, z) && !jumps(after, z)) return false;
         auto goes_on = [&](float next, float beyond) {
-            return beyond > 0 && std::abs(2 * next - beyond - z) < mixed_pixel;
+            return next > 0 && beyond > 0 && std::abs(2 * next - beyond - z) < mixed_pixel;
         };
         return !goes_on(before, at(row - 2 * down, column - 2 * right)) &&
                !goes_on(after, at(row + 2 * down, column + 2 * right));

@@ -52,13 +52,15 @@ class Symmetry:
     """Per part (m, 4, 4) the other turns about its middle that nearly do, ..."""
     nearly_off: tuple[Array, ...]
     """... and (m,) the mean distances that they leave."""
-    _replacements: dict[tuple[int, int], Array] = field(default_factory=dict, compare=False, repr=False)
+    _replacements: dict[tuple[int, int], Array] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def replacements(self, part: int, place: int) -> Array:
         """Return the motions (m, 4, 4) after which `part`, in the frame of `place`, looks as `place` does."""
         if (part, place) not in self._replacements:
             turns = self.turns[self.kind[part]]
-            self._replacements[part, place] = np.asarray(inverse(self.to_kind[place]) @ turns @ self.to_kind[part])
+            motions = np.asarray(inverse(self.to_kind[place]) @ turns @ self.to_kind[part])
+            motions.flags.writeable = False
+            self._replacements[part, place] = motions
         return self._replacements[part, place]
 
 
