@@ -24,16 +24,16 @@ EQUAL_POINTS = 600
 """Scan points that answers made from the model's symmetry are refined with."""
 
 
-def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
+def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
     """Return the estimate that a `judged` answer makes.
 
     Beside it are the other answers that the search ended with and those that the model's symmetry makes `equal` to it.
     """
-    scan, comparison, finished = fit.scan, fit.solver.comparison, fit.finished
-    solution, doubt, model = judged.solution, judged.doubt, fit.solver.model
+    scan, comparison, finished = searched.scan, searched.solver.comparison, searched.finished
+    solution, doubt, model = judged.solution, judged.doubt, searched.solver.model
     observation, final = comparison.observation, solution.configuration
     seen = comparison.seen_shares(final)[0]
-    with fit.watch.stage("equal answers"):
+    with searched.watch.stage("equal answers"):
         others = _others(comparison, final, finished, equal)
     state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
@@ -79,7 +79,7 @@ def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: Esti
         ),
         converged=solution.converged,
         iterations=solution.iterations,
-        timings=dict(fit.watch.seconds),
+        timings=dict(searched.watch.seconds),
         options=changed(options),
         units={name: model.units[name] for name in names},
     )
