@@ -119,7 +119,7 @@ class AnswerSearch:
         for attempt in range(self.effort.searches):
             search = self.search if attempt == 0 else TreeSearch(self.comparison.tolerant())
             seed = self.options.seed + attempt
-            found = self._once_more(seed, search, self._distinct(several)) if several else self._once(seed)
+            found = self._further_search(seed, search, self._distinct(several)) if several else self._first_search(seed)
             several.append(found)
             several = [search.comparison.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
@@ -230,16 +230,16 @@ class AnswerSearch:
         distance = self.comparison.owners(best, self.comparison.exists)[0]
         return float(off_surface(self.comparison, distance).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int) -> Candidates:
+    def _first_search(self, seed: int) -> Candidates:
         """Search a scan of the model. `CorrespondenceError` if no part fits."""
         hypotheses = self._hypotheses(seed, self.search)
         if len(hypotheses.parts) == 0:
             raise self._nothing_placed
         found = self._refined(self.search, self._grown(self.search, hypotheses))
         with self.watch.stage("repair"):
-            return self._narrowly_repaired(self.search, found, turn=True)
+            return self.repaired(found)
 
-    def _once_more(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
+    def _further_search(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
         """Search a scan of the model by other samples, and its pieces too, until they lead to the best answer found
         `before` again; return what was found before where all of the scan does without repair."""
         comparison = search.comparison
@@ -274,12 +274,13 @@ class AnswerSearch:
         """Return whether an answer that was `found` is `known`, and no better than it was."""
         return found.scores[0] <= known.scores[0] + self.repairing.gain and _is_one(comparison, known, found)
 
-    def _found(self, seed: int, search: TreeSearch, start: Candidates) -> Candidates:
-        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
-        hypotheses = self._hypotheses(seed, search)
+    def grown_beside(self, start: Candidates, seed: int) -> Candidates:
+        """Return what grows from hypotheses, and a configuration to `start` from, refined; that alone if there are
+        none."""
+        hypotheses = self._hypotheses(seed, self.search)
         if len(hypotheses.parts) == 0:
             return start
-        return self._refined(search, self._grown(search, hypotheses), start)
+        return self._refined(self.search, self._grown(self.search, hypotheses), start)
 
     def _grown(self, search: TreeSearch, hypotheses: Hypotheses) -> Candidates:
         """Return the configurations that grow from hypotheses, and from a known base."""
@@ -302,8 +303,9 @@ class AnswerSearch:
                 kept = Candidates.concatenate([start, kept])
             return search.comparison.scored(search.comparison.refined(kept))[0]
 
-    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+    def repaired(self, candidates: Candidates) -> Candidates:
+        """Return candidates repaired, best first, the surface of the best read otherwise unless it is sound."""
+        return self._reinterpreted(self.search, repair(self.search, candidates, self.repairing, turn=True))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""
