@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
@@ -30,7 +30,6 @@ from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
-Bool = NDArray[np.bool_]
 Answer = tuple[SearchedScan, Estimate]
 
 BLIND, SIGHTED = 0.1, 0.5
@@ -90,7 +89,7 @@ def _from_other_sides(estimator: Estimator, searched: SearchedScan, estimate: Es
     return (searched, estimate) if searched is first else (searched, estimator.finished(searched))
 
 
-def _with_turned(estimator: Estimator, turned: Bool, searched: SearchedScan) -> SearchedScan | None:
+def _with_turned(estimator: Estimator, turned: Bools, searched: SearchedScan) -> SearchedScan | None:
     """Search again with points `turned` (m,), if the answer gets better by that; None if none does."""
     observation, enough = searched.solver.comparison.observation, searched.finished.scores[0] + OTHER_SIDE
     answer = state_of(estimator.model, observation, searched.finished.bases[0], searched.finished.values[0])
@@ -214,7 +213,7 @@ def _anew(
     return estimator.searched(scan, searched.initial, searched.correspondences, searched.watch, supposed)
 
 
-def _among(estimator: Estimator, searched: SearchedScan, scan: Scan, surroundings: Bool) -> Answer | None:
+def _among(estimator: Estimator, searched: SearchedScan, scan: Scan, surroundings: Bools) -> Answer | None:
     """Return the answer to a scan of the model among `surroundings`, None if nothing of it can be of the model."""
     try:
         other = _anew(estimator, searched, Suppositions(surroundings=surroundings), scan)

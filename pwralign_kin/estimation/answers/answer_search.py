@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.answers.plainly_right import PLAIN_OFF, is_explained, is_plainly_right, off_surface
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
@@ -23,7 +24,6 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, r
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import Float
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import CorrespondenceError
 from pwralign_kin.model import ArticulatedModel
@@ -107,7 +107,7 @@ class AnswerSearch:
         self.correspondences = correspondences
         self.watch = watch
         near = options.near
-        self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
+        self.near: Singles | None = None if near is None else search.observation.scaled(np.array([near]))
 
     def without_guess(self) -> Found:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.

@@ -8,8 +8,8 @@ nothing else tells. How closely the part's own points lie on it does.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, ranked, ranks
@@ -19,8 +19,6 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model import ArticulatedModel
-
-Ints = NDArray[np.int64]
 
 PARTS, ROUNDS = 2, 6
 """Parts that are mended at a time, those first that are most off their points, and times in a row, ..."""
@@ -92,7 +90,7 @@ class _Mender:
         swept = self._swept(comparison.distinct(comparison.scored(held)[0], HELD, apart), part)
         return comparison.distinct(comparison.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
 
-    def voted(self, answer: Candidates, off: Ints, seed: int) -> Candidates:
+    def voted(self, answer: Candidates, off: Indices, seed: int) -> Candidates:
         """Return the most promising configurations that the points on parts `off` theirs vote for."""
         votes = voted(self.search, answer, self.votes, seed, doubting=True, off=off)
         return answer.take([]) if votes is None else self.search.sifted(votes, VOTED, VOTED)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Ints, Singles
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
@@ -18,8 +18,6 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, rotation_about
-
-Bool = NDArray[np.bool_]
 
 THIN = (0.01, 0.1)
 """Thickness (model diagonals) of a part that may be taken for seen from its other side and lie beside its place by it;
@@ -168,7 +166,7 @@ def repair_moves(
     return Candidates.concatenate(moves) if moves else None
 
 
-def _subtrees(comparison: ScanComparison) -> Bool:
+def _subtrees(comparison: ScanComparison) -> Bools:
     """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
     count = len(comparison.exists)
     below = np.eye(count, dtype=bool)
@@ -181,9 +179,9 @@ def _subtrees(comparison: ScanComparison) -> Bool:
 class _Faults:
     """What speaks against a solution."""
 
-    support: NDArray[np.float32]
+    support: Singles
     """(parts,)"""
-    bad: Bool
+    bad: Bools
     """(parts,) which parts the evidence speaks against."""
     missing: bool
     """Whether the scan holds points far from the model."""
@@ -239,7 +237,7 @@ def _swept(comparison: ScanComparison, solution: Candidates, held_limbs: int) ->
     return comparison.swept(solution, joint, base_moves, 3, with_joint)
 
 
-def _among_largest(comparison: ScanComparison, count: int) -> Bool:
+def _among_largest(comparison: ScanComparison, count: int) -> Bools:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
     surface = _subtrees(comparison) @ (comparison.weights * comparison.exists)
     hanging = np.zeros(len(comparison.known.values))
@@ -249,7 +247,7 @@ def _among_largest(comparison: ScanComparison, count: int) -> Bool:
     return chosen
 
 
-def _compound_joints(comparison: ScanComparison, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _compound_joints(comparison: ScanComparison, lacking: Bools) -> tuple[Ints, Ints]:
     """Return pairs of actuated joints, inner and outer, between which no surface tells where to turn.
 
     The part between them has none, or explains too little, as does the part beyond: both are `lacking`.
@@ -262,7 +260,7 @@ def _compound_joints(comparison: ScanComparison, lacking: Bool) -> tuple[NDArray
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
-def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
+def _placed(parts: Ints, placements: Array) -> Hypotheses:
     return Hypotheses(np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32))
 
 

@@ -11,18 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Bools, Indices, Ints, Singles
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, Natural, NotNegative, Positive, Share, Threshold
 from pwralign_kin.estimation.sensing import observation as preparation
-from pwralign_kin.estimation.sensing.observation import ONE_SIDE, Float, Observation, ObservationOptions
+from pwralign_kin.estimation.sensing.observation import ONE_SIDE, Observation, ObservationOptions
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model.surface import Surface, total_area
 from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
-
-Bools = NDArray[np.bool_]
 
 MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
@@ -200,17 +198,17 @@ class _Cells:
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
-    origin: Float | None
+    origin: Singles | None
     """(3,) where the scene was seen from, else None."""
-    raw: Float
+    raw: Singles
     """(n, 3) all points of the scan."""
-    of_point: NDArray[np.int32]
+    of_point: Ints
     """(n,) the cell that each of them lies in."""
-    points: Float
+    points: Singles
     """(c, 3) their means in each cell."""
-    spacing: Float
+    spacing: Singles
     """(c,) distance to the sixth neighbour."""
-    areas: Float
+    areas: Singles
     """(c,) surface that each cell stands for."""
 
     @classmethod
@@ -238,7 +236,7 @@ def _background(cells: _Cells, setup: SceneSetup) -> Bools:
     return _wide_planes(cloud, least, options)
 
 
-def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: SceneSetup) -> Observation:
+def _observed(cells: _Cells, region: Indices, planes: Bools, setup: SceneSetup) -> Observation:
     """Give what is searched, by the `region` (c,) of each cell, and what lies near it their normals and their field."""
     preparing, options, threads = setup.preparing, setup.options, setup.threads
     kept = np.flatnonzero(_surroundings(cells.points, region >= 0, options.margin))
@@ -288,20 +286,20 @@ def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: Sc
 class _Kept:
     """The points of a scene that are kept, as `Observation` holds them."""
 
-    points: Float
-    normals: Float
-    weights: Float
-    areas: Float
-    regions: NDArray[np.int32]
+    points: Singles
+    normals: Singles
+    weights: Singles
+    areas: Singles
+    regions: Ints
 
 
 @dataclass(frozen=True)
 class _Seen:
     """All that was seen of a scene: it tells free from hidden space."""
 
-    points: Float
+    points: Singles
     """(n, 3)"""
-    origin: Float | None
+    origin: Singles | None
     """(3,) where from, else None."""
     pixel: float
     """`Observation.depth_pixel`"""
@@ -337,7 +335,7 @@ def _field(
     )
 
 
-def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> float:
+def _ray_pixel(seen: Singles, searched: Singles, origin: Singles, threads: int) -> float:
     """Return the least pixel of a depth image of all points `seen` (n, 3), at the median range of those `searched`."""
     rays, ranges = _rays(searched[:: max(1, len(searched) // RAYS)], origin)
     middle = preparation.median(ranges)
@@ -345,19 +343,19 @@ def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> flo
     return RAY_PIXEL * preparation.median(sixth)
 
 
-def _rays(points: Float, origin: Float) -> tuple[Float, Float]:
+def _rays(points: Singles, origin: Singles) -> tuple[Singles, Singles]:
     """Return directions (n, 3) and ranges (n,) of points seen from an origin."""
     away = points - origin
     ranges = np.maximum(np.linalg.norm(away, axis=1), 1e-9).astype(np.float32)
     return np.ascontiguousarray(away / ranges[:, None], np.float32), ranges
 
 
-def _areas(spacing: Float) -> Float:
+def _areas(spacing: Singles) -> Singles:
     """Return the surface that each point stands for, by its distance to its sixth neighbour."""
     return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)
 
 
-def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:
+def _range_bins(points: Singles, origin: Singles | None, options: SceneOptions) -> Indices:
     """Return the bin of each point: by range, or without a sensor origin by place."""
     if origin is None:
         return np.asarray(kernels.voxel_means(points, 2 * options.range_bin)[2], np.int64)
@@ -365,7 +363,7 @@ def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> N
     return np.asarray(np.minimum(distance / options.range_bin, 400), np.int64)
 
 
-def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
+def _binned_median(values: Singles, bins: Indices) -> Singles:
     """Return for each point the median of its bin."""
     order = np.lexsort((values, bins))
     first = np.flatnonzero(np.diff(bins[order], prepend=-1))
@@ -376,7 +374,7 @@ def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
 
 
 def _near_enough(
-    points: Float, spacing: Float, area: Float, origin: Float | None, model_area: float, options: SceneOptions
+    points: Singles, spacing: Singles, area: Singles, origin: Singles | None, model_area: float, options: SceneOptions
 ) -> Bools:
     """Return which points lie close enough together to show the model."""
     usual = _binned_median(spacing, _range_bins(points, origin, options))
@@ -391,28 +389,28 @@ def _near_enough(
 class _Cloud:
     """Points that planes are found among."""
 
-    points: Float
+    points: Singles
     """(n, 3)"""
-    normals: Float
+    normals: Singles
     """(n, 3), of either sign."""
-    areas: Float
+    areas: Singles
     """(n,) surface that each point stands for."""
-    tolerances: Float
+    tolerances: Singles
     """(n,) how far from a plane each may lie and be of it."""
 
     @classmethod
-    def of(cls, points: Float, areas: Float, origin: Float | None, options: SceneOptions, threads: int) -> _Cloud:
+    def of(cls, points: Singles, areas: Singles, origin: Singles | None, options: SceneOptions, threads: int) -> _Cloud:
         """Take points seen from an `origin`, if one is known; the farther the noisier they may be."""
         normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
         noise = _binned_median(np.sqrt(np.maximum(variances[:, 0], 0)), _range_bins(points, origin, options))
         tolerances = np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most)
         return cls(points, normals, areas, np.asarray(tolerances))
 
-    def off(self, plane: _Plane) -> Float:
+    def off(self, plane: _Plane) -> Singles:
         """Return how far each point is from a plane, (n,)."""
         return np.asarray(np.abs((self.points - plane.centre) @ plane.normal))
 
-    def along(self, plane: _Plane) -> Float:
+    def along(self, plane: _Plane) -> Singles:
         """Return how much the surface at each point is turned as a plane is, (n,), 1 at most."""
         return np.asarray(np.abs(self.normals @ plane.normal))
 
@@ -421,9 +419,9 @@ class _Cloud:
 class _Plane:
     """A plane through a point."""
 
-    centre: Float
+    centre: Singles
     """(3,)"""
-    normal: Float
+    normal: Singles
     """(3,)"""
 
 
@@ -462,7 +460,7 @@ def _wide_planes(cloud: _Cloud, least: _Size, options: SceneOptions) -> Bools:
     return background
 
 
-def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, NDArray[np.int64]]:
+def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, Indices]:
     """Fit a plane to those points that are `left` and lie on it; return it and them."""
     inliers = np.zeros(0, np.int64)
     for _ in range(3):
@@ -475,9 +473,7 @@ def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, NDArray[
     return plane, inliers
 
 
-def _wide_pieces(
-    cloud: _Cloud, inliers: NDArray[np.int64], plane: _Plane, least: _Size, options: SceneOptions
-) -> Bools:
+def _wide_pieces(cloud: _Cloud, inliers: Indices, plane: _Plane, least: _Size, options: SceneOptions) -> Bools:
     """Return which points lie on the wide connected pieces of one plane, that the `inliers` (indices) show."""
     from scipy import ndimage
 
@@ -507,9 +503,7 @@ def _wide_pieces(
     return np.asarray(inside & (off < 1.5 * cloud.tolerances) & along)
 
 
-def _regions(
-    points: Float, spacing: Float, searched: Bools, model_area: float, options: SceneOptions
-) -> NDArray[np.int64]:
+def _regions(points: Singles, spacing: Singles, searched: Bools, model_area: float, options: SceneOptions) -> Indices:
     """Return the connected region of each point, largest first; -1 for what is not searched.
 
     Fragments too small to be searched on their own belong to the region that they are near to: bits of thin parts.
@@ -538,7 +532,7 @@ def _regions(
     return region
 
 
-def _surroundings(points: Float, searched: Bools, margin: float) -> Bools:
+def _surroundings(points: Singles, searched: Bools, margin: float) -> Bools:
     """Return what is searched and what lies near it."""
     from scipy.spatial import cKDTree
 
