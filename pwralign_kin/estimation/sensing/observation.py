@@ -6,7 +6,8 @@ stated. `Observation.to_scan` and `to_search` convert placements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -122,13 +123,13 @@ class Observation:
     """Pixel of the depth image, at the mean range of what was seen."""
     sensor_origin: Singles | None
     """(3,) where the whole scan was seen from one place, else None."""
-    field: Any
-    """`kernels.ScanField`."""
+    field: kernels.ScanField
+    """Distances to what was seen, and what is free and hidden."""
     centre: Array
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
-    borders: Singles = field(default_factory=lambda: NO_BORDERS)
+    borders: Singles = dataclasses.field(default_factory=lambda: NO_BORDERS)
     """(b, 3) outward unit normals of planes through the sensor beyond which it looked at nothing."""
     cut_out: bool = False
     """Whether it is what lies near one answer to a scene: other things may be among it."""
@@ -338,7 +339,7 @@ def at_most(points: Singles, most: int) -> Singles:
 
 
 def as_given(
-    raw: Singles, cell: Ints, field: Any, normals: Singles, options: ObservationOptions
+    raw: Singles, cell: Ints, field: kernels.ScanField, normals: Singles, options: ObservationOptions
 ) -> tuple[Singles, Singles]:
     """Return raw points, few of each `cell`, with the `normals` of the prepared points that `field` finds near.
 
