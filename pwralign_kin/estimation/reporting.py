@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.answers.answer_search import FINE_SIGMA, FINE_SUPPORT
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import total_coverage
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -89,7 +90,9 @@ def _others(comparison: ScanComparison, final: Candidates, finished: Candidates,
     """Return what the search found besides the answer, and what the model's symmetry `made` of it, best first."""
     if len(made):
         # Parts only nearly look alike, so that a little refinement may help, or not.
-        refined = comparison.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
+        refined = comparison.refined(
+            made, points=EQUAL_POINTS, iterations=4, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT
+        )
         made = Candidates.concatenate([made, refined])
         # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
         covered = total_coverage(comparison, Candidates.concatenate([final, made]))

@@ -43,7 +43,11 @@ HARDLY_SOUND = 0.3
 LACKING = 0.1
 """Share of the model's surface in parts that explain too little, from which an answer may lack whole limbs."""
 NEAR_TIE = 0.08
-"""Solutions within this score of the best are refined to the end and compared again."""
+"""Solutions within this score of the best are refined to the end and compared again, ..."""
+FINE_SIGMA, FINE_SUPPORT = 0.012, 0.3
+"""... from this robust scale (model diagonals), with this weight of model support."""
+ABSENT = 0.2
+"""Support below which a part is taken for one that a scan of all sides lacks."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
 READINGS = 5
@@ -186,15 +190,15 @@ class AnswerSearch:
             solutions = passing if len(passing) else solutions
         near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
         points = comparison.options.fine_points
-        fine = comparison.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        fine = comparison.refined(near, points=points, iterations=20, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT)
         if not comparison.observation.single_view:
             # Parts that the scan lacks must not be pulled to their neighbours' points.
-            absent = comparison.exists & (comparison.scored(fine)[1] < 0.2)
+            absent = comparison.exists & (comparison.scored(fine)[1] < ABSENT)
             again = absent.any(axis=1)
             if again.any():
                 weights = np.ascontiguousarray(comparison.weights * ~absent[again], np.float32)
                 mended = comparison.refined(
-                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
+                    fine.take(again), points=points, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
         if not comparison.observation.scene:

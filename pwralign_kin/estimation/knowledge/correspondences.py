@@ -20,6 +20,9 @@ from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.scan.readers import member, numpy_content
 from pwralign_kin.se3 import Array, inverse, transform
 
+ASTRAY = 0.05
+"""Distance (model diagonals) of a pair's points from the model or the prepared scan from which it says nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Correspondences(ReadOnly):
@@ -161,7 +164,7 @@ def oriented_pairs(
     owner = np.argmin(distances, axis=0)
     target = observation.scaled(correspondences.target)
     scan_distance, scan_index = cKDTree(observation.points).query(target)
-    near = (np.min(distances, axis=0) < 0.05) & (scan_distance < 0.05) & (correspondences.weight > 0)
+    near = (np.min(distances, axis=0) < ASTRAY) & (scan_distance < ASTRAY) & (correspondences.weight > 0)
     if near.sum() < 2:
         raise CorrespondenceError(
             "correspondences",

@@ -24,6 +24,13 @@ THIN = (0.01, 0.1)
 less is refined away."""
 FACING = 0.9
 """Cosine of the angle to a thin part's shortest axis from which on its surface is one of its two sides."""
+ALL_NEAR, OUTWARD = 14, 10
+"""Parts of a model up to which every joint is cut where points are unexplained, and up to which what is further in is
+grown anew from every part, not from those alone that large limbs begin with."""
+ROOTS = 4
+"""Best supported parts, from which the whole model is grown anew."""
+HOPEFUL_TURN = 0.6
+"""Share of its score from which on a part that was turned over is grown from."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +149,7 @@ def repair_moves(
     placements = comparison.part_placements(solution)[0]
     if bad.any() or missing:
         moves += _regrown(search, solution, _Faults(support, bad, missing), options)
-        best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:4]
+        best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:ROOTS]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
     if (foremost and (missing or search.observation.scene)) or (
@@ -195,7 +202,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
     usual = float(np.median(support[exists]))
     below = _subtrees(comparison)
     near = bad | comparison.lacks(solution) if missing else bad.copy()
-    if missing and count <= 14:
+    if missing and count <= ALL_NEAR:
         near[:] = True
     else:
         # A part is often bad because an ancestor is slightly wrong.
@@ -211,7 +218,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
             outward = following == i
             if outward and not near[i]:
                 continue
-            if not outward and count > 10 and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
+            if not outward and count > OUTWARD and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
                 continue
             if not (exists & side).any() or not (exists & ~side).any() or not (bad | missing)[side].any():
                 continue
@@ -288,7 +295,7 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
             for i, a, b in zip(part, after.placements, before.placements, strict=True)
         ]
     )
-    good = np.flatnonzero((after.scores > 0.6 * before.scores) & (moved > search.options.distinct))
+    good = np.flatnonzero((after.scores > HOPEFUL_TURN * before.scores) & (moved > search.options.distinct))
     if len(good) == 0:
         return []
     after = after.take(good)

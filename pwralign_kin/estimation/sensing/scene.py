@@ -30,7 +30,18 @@ RAY_PIXEL, RAYS = 0.75, 2000
 """Least size of the pixels of a scene's depth image, as a share of the distance of a ray to the sixth next, told about
 so many: between sparse rays there would be pixels that none came back from."""
 LEAST_ON_PLANE = 30
-"""Points that a plane holds at least."""
+"""Points that a plane holds at least, ..."""
+LEAST_LEFT = 0.02
+"""... and share of the points drawn that are not on a plane yet, from which on another is looked for."""
+SEEDED_ALONG, FITTED_ALONG, HELD_ALONG = 0.9, 0.85, 0.8
+"""Cosine of the angle between the normals of a point and of the plane that it lies on: when one of its points stands
+for the plane, when it is fitted, and when what it holds is taken for background, ..."""
+CLOSE, LOOSE = 0.7, 1.5
+"""... where points nearer than this share of the tolerance are held whatever their normals, and so far off are held."""
+LEAST_ON_PIECE = 20
+"""Points that a piece of a plane holds at least."""
+LESS_WIDE, LONG = 0.6, 3.0
+"""A piece that spreads at least this share of what is wide is wide too, if it spreads so many times it lengthwise."""
 
 
 @dataclass(frozen=True)
@@ -443,12 +454,12 @@ def _wide_planes(cloud: _Cloud, least: _Size, options: SceneOptions) -> Bools:
     left, background = np.ones(count, bool), np.zeros(count, bool)
     for _ in range(options.planes):
         remaining = sample[left[sample]]
-        if len(remaining) < 0.02 * len(sample):
+        if len(remaining) < LEAST_LEFT * len(sample):
             break
         seeds = random.choice(remaining, options.plane_trials)
         offset = np.einsum("ij,ij->i", points[seeds], normals[seeds])
         on = np.abs(points[remaining] @ normals[seeds].T - offset) < cloud.tolerances[remaining, None]
-        on &= np.abs(normals[remaining] @ normals[seeds].T) > 0.9
+        on &= np.abs(normals[remaining] @ normals[seeds].T) > SEEDED_ALONG
         best = seeds[int(np.argmax(on.sum(axis=0)))]
         plane, inliers = _fitted(cloud, left, _Plane(points[best], normals[best]))
         left[best] = False
@@ -464,7 +475,7 @@ def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, Indices]
     """Fit a plane to those points that are `left` and lie on it; return it and them."""
     inliers = np.zeros(0, np.int64)
     for _ in range(3):
-        inliers = np.flatnonzero(left & (cloud.off(plane) < cloud.tolerances) & (cloud.along(plane) > 0.85))
+        inliers = np.flatnonzero(left & (cloud.off(plane) < cloud.tolerances) & (cloud.along(plane) > FITTED_ALONG))
         if len(inliers) < LEAST_ON_PLANE:
             break
         centre = cloud.points[inliers].mean(axis=0)
@@ -479,7 +490,7 @@ def _wide_pieces(cloud: _Cloud, inliers: Indices, plane: _Plane, least: _Size, o
 
     axes = np.linalg.svd(plane.normal[None].astype(float))[2][1:]
     flat = (cloud.points - plane.centre) @ axes.T
-    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell
+    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell  # a cell to spare for what is covered beside them
     at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
     shape = at[inliers].max(axis=0) + 2
     footprint = np.zeros(shape, bool)
@@ -489,18 +500,20 @@ def _wide_pieces(cloud: _Cloud, inliers: Indices, plane: _Plane, least: _Size, o
     wide = np.zeros(count + 1, bool)
     for index in range(1, count + 1):
         own = inliers[piece == index]
-        if len(own) < 20 or cloud.areas[own].sum() < least.area:
+        if len(own) < LEAST_ON_PIECE or cloud.areas[own].sum() < least.area:
             continue
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
-        wide[index] = spread[0] > least.spread or (spread[0] > 0.6 * least.spread and spread[1] > 3 * least.spread)
+        wide[index] = spread[0] > least.spread or (
+            spread[0] > LESS_WIDE * least.spread and spread[1] > LONG * least.spread
+        )
     if not wide.any():
         return np.zeros(len(cloud.points), bool)
     covered = ndimage.binary_dilation(wide[label], np.ones((3, 3)))
     inside = ((at >= 0) & (at < shape)).all(axis=1)
     inside[inside] = covered[tuple(at[inside].T)]
     off = cloud.off(plane)
-    along = (cloud.along(plane) > 0.8) | (off < 0.7 * cloud.tolerances)
-    return np.asarray(inside & (off < 1.5 * cloud.tolerances) & along)
+    along = (cloud.along(plane) > HELD_ALONG) | (off < CLOSE * cloud.tolerances)
+    return np.asarray(inside & (off < LOOSE * cloud.tolerances) & along)
 
 
 def _regions(points: Singles, spacing: Singles, searched: Bools, model_area: float, options: SceneOptions) -> Indices:
