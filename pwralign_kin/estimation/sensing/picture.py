@@ -13,7 +13,7 @@ from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.sensing.observation import NO_BORDERS, Observation
 from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import DepthCamera
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, axes_across
 
 TOUCHED = 1.5
 """Pixels from the border of a depth image within which a point is at it."""
@@ -49,7 +49,7 @@ def borders_of(scan: Scan, observation: Observation, threads: int) -> Singles:
     depth = rays @ middle
     if len(rays) < LEAST_BINS or (depth <= WIDEST * np.linalg.norm(rays, axis=1)).any():
         return NO_BORDERS
-    axes = _across(middle)
+    axes = axes_across(middle)
     image = rays @ axes.T / depth[:, None]
     pixel = _pixel(image, threads)
     scale = float(np.median(depth))
@@ -83,13 +83,6 @@ def _touched_borders(camera: DepthCamera, rays: Array) -> Singles:
     touched = (pixels > -TOUCHED).sum(axis=0) >= BIN * LEAST_BINS
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.ascontiguousarray(normals[touched], np.float32)
-
-
-def _across(forward: Array) -> Array:
-    """Return two unit vectors (2, 3) across a direction and each other."""
-    right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right)])
 
 
 def _pixel(image: Array, threads: int) -> float:

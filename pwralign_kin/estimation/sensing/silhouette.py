@@ -14,7 +14,7 @@ import numpy as np
 
 from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.estimation.sensing.observation import Observation
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, axes_across
 
 MARGIN = 30
 """Pixels around the scan's image."""
@@ -204,6 +204,4 @@ def dilated(mask: Bools, radius: float) -> Bools:
 def _image_axes(towards: Array) -> Array:
     """Return the axes (3, 3) of an image whose third axis looks `towards` something."""
     z = towards / np.linalg.norm(towards)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    return np.stack([*axes_across(z), z])
