@@ -31,6 +31,13 @@ def rotation_about(axis: Array, angle: Array | float) -> Array:
     return np.asarray(np.eye(3) + np.sin(turn) * K + (1.0 - np.cos(turn)) * K @ K)
 
 
+def axes_across(direction: Array) -> Array:
+    """Return unit vectors (2, 3) across the unit `direction` (3,) and each other: with it, a right-handed frame."""
+    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])
+
+
 def inverse(T: Array) -> Array:
     """Return the inverse of placements `T` (..., 4, 4)."""
     out = np.zeros_like(T)

@@ -12,7 +12,7 @@ PACKAGE = "pwralign_kin"
 ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 LEVELS = (
-    {"exceptions", "checked_options", "dependencies", "files", "read_only", "se3", "state", "kernels"},
+    {"arrays", "exceptions", "checked_options", "dependencies", "files", "read_only", "se3", "state", "kernels"},
     {"model", "scan"},
     {"estimation", "simulation", "render"},
     {"baselines", "tracking", "export"},

@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.se3 import Array
-
-Faces = NDArray[np.int64]
 
 TRIANGLES = 3000
 """Of the mesh that is registered."""
@@ -29,7 +27,7 @@ FUSED_DEPTH = 6
 """Depth of the octree of the surface that joins all parts."""
 
 
-def non_rigid_icp(vertices: Array, faces: Faces, target: Array) -> Array:
+def non_rigid_icp(vertices: Array, faces: Indices, target: Array) -> Array:
     """Return the vertices (n, 3), m, of a mesh that lies about right already, registered to points (m, 3), m.
 
     Raises `ScanError` where the points leave a piece of the mesh undetermined.
@@ -47,7 +45,7 @@ def non_rigid_icp(vertices: Array, faces: Faces, target: Array) -> Array:
     return moved
 
 
-def disjoint_mesh(bodies: Sequence[tuple[Array, Faces]]) -> tuple[Array, Faces]:
+def disjoint_mesh(bodies: Sequence[tuple[Array, Indices]]) -> tuple[Array, Indices]:
     """Return one mesh of the `bodies`' vertices (n, 3) and faces (f, 3), simplified one by one, not connected."""
     total = sum(len(faces) for _, faces in bodies)
     share = min(1.0, TRIANGLES / max(total, 1))
@@ -57,7 +55,7 @@ def disjoint_mesh(bodies: Sequence[tuple[Array, Faces]]) -> tuple[Array, Faces]:
     return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(shifted)
 
 
-def fused_mesh(points: Array, normals: Array) -> tuple[Array, Faces]:
+def fused_mesh(points: Array, normals: Array) -> tuple[Array, Indices]:
     """Return one connected mesh through all points (n, 3) with outward normals (n, 3), simplified.
 
     By Poisson reconstruction (Kazhdan et al., SGP 2006) on an octree so coarse that neighbouring parts merge at their
@@ -73,7 +71,7 @@ def fused_mesh(points: Array, normals: Array) -> tuple[Array, Faces]:
     return _simplified(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64), TRIANGLES)
 
 
-def _simplified(vertices: Array, faces: Faces, count: int) -> tuple[Array, Faces]:
+def _simplified(vertices: Array, faces: Indices, count: int) -> tuple[Array, Indices]:
     """Return the mesh with at most `count` triangles, its equal vertices merged."""
     o3d = open3d()
     mesh = o3d.geometry.TriangleMesh(
@@ -87,7 +85,7 @@ def _simplified(vertices: Array, faces: Faces, count: int) -> tuple[Array, Faces
     return np.array(mesh.vertices), np.array(mesh.triangles, np.int64)
 
 
-def carried(points: Array, vertices: Array, faces: Faces, moved: Array) -> Array:
+def carried(points: Array, vertices: Array, faces: Indices, moved: Array) -> Array:
     """Return where points (m, 3) beside a mesh go when its `vertices` (n, 3) become `moved` (n, 3).
 
     Each keeps its place in the nearest triangle, and its offset from it.

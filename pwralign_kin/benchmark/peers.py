@@ -14,10 +14,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.baselines.coherent_point_drift import deformable_drift, rigid_drift
 from pwralign_kin.baselines.fpfh_ransac_icp import fpfh_ransac_icp
 from pwralign_kin.baselines.kiss_matcher import kiss_matcher
-from pwralign_kin.baselines.non_rigid_icp import Faces, carried, disjoint_mesh, fused_mesh, non_rigid_icp
+from pwralign_kin.baselines.non_rigid_icp import carried, disjoint_mesh, fused_mesh, non_rigid_icp
 from pwralign_kin.baselines.part_wise_rigid import PartWiseOptions, part_wise_rigid, rigid_fit
 from pwralign_kin.baselines.rigid_gicp import rigid_gicp
 from pwralign_kin.baselines.signed_distance_fit import SignedDistanceOptions, signed_distance_fit
@@ -96,7 +97,7 @@ class Task:
         return fpfh_ransac_icp(self.cloud[0], self.target, self.voxel)
 
     @cached_property
-    def meshes(self) -> Mapping[str, tuple[Array, Faces]]:
+    def meshes(self) -> Mapping[str, tuple[Array, Indices]]:
         """The body in that shape, root frame, m: as one mesh of all parts, and as one connected surface."""
         parts = self.ruler.model.parts
         bodies = [(transform(T, part.vertices), part.faces) for T, part in zip(self.shape, parts, strict=True)]

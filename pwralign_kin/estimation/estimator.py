@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin.estimation.answers.answer_search import AnswerSearch
 from pwralign_kin.estimation.answers.contest import contested
@@ -32,7 +31,7 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
 from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
-from pwralign_kin.estimation.stages import Judged, SearchedScan
+from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, Judged, SearchedScan, Suppositions
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
 from pwralign_kin.model import ArticulatedModel
@@ -89,34 +88,25 @@ class Estimator:
         model, options = self.model, self.options
         return SceneSetup(model.surfaces, model.diagonal, model.reach, options.observation, options.scene, self.threads)
 
-    def fit(
+    def searched(
         self,
         scan: Scan,
         initial: State | None,
         correspondences: Correspondences | None,
         watch: Stopwatch | None = None,
-        surroundings: NDArray[np.bool_] | None = None,
-        turned: NDArray[np.bool_] | None = None,
-        borders: NDArray[np.float32] | None = None,
-        start: State | None = None,
+        supposed: Suppositions = NOTHING_SUPPOSED,
     ) -> SearchedScan:
-        """Return all answers worth comparing, before the joint least squares: those about the guess, or everywhere.
-
-        Points known to be of the `surroundings` (n,) make the scan a scene. Prepared points that are `turned` (m,) are
-        taken for the other side of the surface. `borders` (b, 3) are where the picture of a view ends: outward normals
-        of planes through the sensor. A `start` is an answer to search about that nobody knows to be near: unlike a
-        guess, it is no prior.
-        """
+        """Return all answers worth comparing, before the joint least squares: those about the guess, or everywhere."""
         watch = watch or Stopwatch(self.progress)
         scan = self._believed(scan)
         prior = self._prior(initial)
         lower, upper = self._bounds(prior)
         with watch.stage("observe"):
-            observation = self._observe(scan, initial, surroundings, turned, borders)
+            observation = self._observe(scan, initial, supposed)
             search = self._search(observation, prior, lower, upper)
         searching = SceneAnswerSearch if observation.scene else AnswerSearch
         answers = searching(self.model, search, self.options, correspondences, watch)
-        near = start or initial
+        near = supposed.start or initial
         if near is None:
             found = answers.without_guess()
         else:
@@ -127,23 +117,23 @@ class Estimator:
         solver = JointLeastSquares(self.model, found.comparison, lower, upper, self.options.least_squares)
         return SearchedScan(scan, initial, correspondences, solver, finished, prior, watch)
 
-    def finished(self, fit: SearchedScan) -> Estimate:
+    def finished(self, searched: SearchedScan) -> Estimate:
         """Return the estimate that a search makes, or a better answer if its contest finds one."""
-        judged, equal = self._settled(fit)
-        with fit.watch.stage("contest"):
-            finished = contested(fit.solver, judged.solution.configuration, fit.finished, self.options)
+        judged, equal = self._settled(searched)
+        with searched.watch.stage("contest"):
+            finished = contested(searched.solver, judged.solution.configuration, searched.finished, self.options)
         if finished is not None:
-            fit = replace(fit, finished=finished)
-            judged, equal = self._settled(fit)
-        return reported(fit, judged, equal, self.options)
+            searched = replace(searched, finished=finished)
+            judged, equal = self._settled(searched)
+        return reported(searched, judged, equal, self.options)
 
-    def _settled(self, fit: SearchedScan) -> tuple[Judged, Candidates]:
+    def _settled(self, searched: SearchedScan) -> tuple[Judged, Candidates]:
         """Return the best answer solved and judged, and those that look alike."""
-        with fit.watch.stage("least squares"):
-            solution = self._solve(fit.solver, fit.finished)
-        with fit.watch.stage("equal answers"):
-            solution, equal = self._chosen(fit, solution)
-        return self._judged(fit, solution), equal
+        with searched.watch.stage("least squares"):
+            solution = self._solve(searched.solver, searched.finished)
+        with searched.watch.stage("equal answers"):
+            solution, equal = self._chosen(searched, solution)
+        return self._judged(searched, solution), equal
 
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
@@ -157,36 +147,30 @@ class Estimator:
         )  # fmt: skip
         return scan.without_sensor_origin()
 
-    def concluded(self, fit: SearchedScan, solution: Solution) -> Estimate:
+    def concluded(self, searched: SearchedScan, solution: Solution) -> Estimate:
         """Return the estimate that a solution of the joint least squares makes."""
-        equal = equal_answers(self.model, fit.solver.comparison, solution.configuration)
-        return reported(fit, self._judged(fit, solution), equal, self.options)
+        equal = equal_answers(self.model, searched.solver.comparison, solution.configuration)
+        return reported(searched, self._judged(searched, solution), equal, self.options)
 
-    def _judged(self, fit: SearchedScan, solution: Solution) -> Judged:
+    def _judged(self, searched: SearchedScan, solution: Solution) -> Judged:
         """Say what the scan does not tell of a solution, and what speaks for and against it."""
-        with fit.watch.stage("least squares"):
-            solution, doubt = doubted(fit.solver, solution, fit.prior)
-        with fit.watch.stage("confidence"):
-            evidence = gathered(fit.solver.comparison, bearing_out(fit, solution), fit.finished)
+        with searched.watch.stage("least squares"):
+            solution, doubt = doubted(searched.solver, solution, searched.prior)
+        with searched.watch.stage("confidence"):
+            evidence = gathered(searched.solver.comparison, bearing_out(searched, solution), searched.finished)
             if evidence.strange + evidence.astray > UNLIKE:
-                size = other_size(fit.solver, solution)
+                size = other_size(searched.solver, solution)
                 evidence = replace(evidence, size=size.factor, size_gain=size.gain)
         return Judged(solution, doubt, evidence)
 
-    def _observe(
-        self,
-        scan: Scan,
-        initial: State | None,
-        surroundings: NDArray[np.bool_] | None,
-        turned: NDArray[np.bool_] | None,
-        borders: NDArray[np.float32] | None,
-    ) -> Observation:
+    def _observe(self, scan: Scan, initial: State | None, supposed: Suppositions) -> Observation:
         """Prepare the scan: as one of the model, or as a scene that the model is somewhere in."""
         model, options = self.model, self.options
         self._check_hints(scan)
-        if options.region is None and surroundings is None:
+        if options.region is None and supposed.surroundings is None:
             if not is_scene(scan, self.scenes):
                 near = without_far_points(scan, model.reach)
+                turned, borders = supposed.turned, supposed.borders
                 return observe(near, model.diagonal, options.observation, self.threads, turned, borders)
             if scan.sensor_origin is None:
                 logger.info(
@@ -195,7 +179,7 @@ class Estimator:
                     scan.source,
                 )
         box = self._searched_box(initial)
-        return observe_scene(scan, self.scenes, box, surroundings)
+        return observe_scene(scan, self.scenes, box, supposed.surroundings)
 
     def _check_hints(self, scan: Scan) -> None:
         """Raise `ScanError` for hints that lead away from the scan."""
@@ -268,23 +252,23 @@ class Estimator:
             return Solution(base, values, problem, True, 0)
         return solved(solver, base, solver.limited(values))
 
-    def _chosen(self, fit: SearchedScan, solution: Solution) -> tuple[Solution, Candidates]:
+    def _chosen(self, searched: SearchedScan, solution: Solution) -> tuple[Solution, Candidates]:
         """Return which of the answers that look alike is meant, by a guess or by likelihood, and the others."""
-        comparison = fit.solver.comparison
+        comparison = searched.solver.comparison
         answer = solution.configuration
         equal = equal_answers(self.model, comparison, answer)
         if len(equal) == 0 or comparison.known.held:
             return solution, equal
         several = Candidates.concatenate([answer, equal])
-        if fit.initial is None:
-            chosen = likeliest(fit.solver, several, fit.prior)
+        if searched.initial is None:
+            chosen = likeliest(searched.solver, several, searched.prior)
         else:
-            base = comparison.observation.to_search(self.model.root_placement(fit.initial))
-            guess = Candidates.single(base, fit.prior)
+            base = comparison.observation.to_search(self.model.root_placement(searched.initial))
+            guess = Candidates.single(base, searched.prior)
             apart = comparison.probe_positions(several) - comparison.probe_positions(guess)
             chosen = int(np.argmin(np.linalg.norm(apart, axis=-1).reshape(len(several), -1).mean(axis=1)))
         if chosen > 0:
-            solution = solved(fit.solver, several.bases[chosen], fit.solver.limited(several.values[chosen]))
+            solution = solved(searched.solver, several.bases[chosen], searched.solver.limited(several.values[chosen]))
         return solution, several.take(np.arange(len(several)) != chosen)
 
 
@@ -298,15 +282,15 @@ def warn_of_size(scan: Scan, estimate: Estimate) -> None:
         )  # fmt: skip
 
 
-def bearing_out(fit: SearchedScan, solution: Solution) -> Candidates:
+def bearing_out(searched: SearchedScan, solution: Solution) -> Candidates:
     """Return the configuration by which the points bear an answer out: the solution, or what the search ended with
     where that scores more and is the same answer but for what the outline mends.
 
     A sensor that errs along its rays bends a whole surface away from where its outline has it.
     """
-    comparison, final = fit.solver.comparison, solution.configuration
-    if fit.solver.silhouette is None:
+    comparison, final = searched.solver.comparison, solution.configuration
+    if searched.solver.silhouette is None:
         return final
-    both = comparison.scored(Candidates.concatenate([final, fit.finished.take([0])]))[0].best_first()
+    both = comparison.scored(Candidates.concatenate([final, searched.finished.take([0])]))[0].best_first()
     same = len(comparison.distinct(both, len(both), OUTLINED)) == 1
     return both.take([0]) if same else final

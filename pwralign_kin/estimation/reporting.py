@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.estimation.answers.answer_search import FINE_SIGMA, FINE_SUPPORT
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import total_coverage
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -24,16 +25,16 @@ EQUAL_POINTS = 600
 """Scan points that answers made from the model's symmetry are refined with."""
 
 
-def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
+def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options: EstimatorOptions) -> Estimate:
     """Return the estimate that a `judged` answer makes.
 
     Beside it are the other answers that the search ended with and those that the model's symmetry makes `equal` to it.
     """
-    scan, comparison, finished = fit.scan, fit.solver.comparison, fit.finished
-    solution, doubt, model = judged.solution, judged.doubt, fit.solver.model
+    scan, comparison, finished = searched.scan, searched.solver.comparison, searched.finished
+    solution, doubt, model = judged.solution, judged.doubt, searched.solver.model
     observation, final = comparison.observation, solution.configuration
     seen = comparison.seen_shares(final)[0]
-    with fit.watch.stage("equal answers"):
+    with searched.watch.stage("equal answers"):
         others = _others(comparison, final, finished, equal)
     state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
@@ -79,7 +80,7 @@ def reported(fit: SearchedScan, judged: Judged, equal: Candidates, options: Esti
         ),
         converged=solution.converged,
         iterations=solution.iterations,
-        timings=dict(fit.watch.seconds),
+        timings=dict(searched.watch.seconds),
         options=changed(options),
         units={name: model.units[name] for name in names},
     )
@@ -89,7 +90,9 @@ def _others(comparison: ScanComparison, final: Candidates, finished: Candidates,
     """Return what the search found besides the answer, and what the model's symmetry `made` of it, best first."""
     if len(made):
         # Parts only nearly look alike, so that a little refinement may help, or not.
-        refined = comparison.refined(made, points=EQUAL_POINTS, iterations=4, sigma=0.012, support_weight=0.3)
+        refined = comparison.refined(
+            made, points=EQUAL_POINTS, iterations=4, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT
+        )
         made = Candidates.concatenate([made, refined])
         # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
         covered = total_coverage(comparison, Candidates.concatenate([final, made]))

@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
@@ -23,14 +23,13 @@ from pwralign_kin.estimation.sensing.observation import was_prepared, without_fa
 from pwralign_kin.estimation.sensing.picture import borders_of
 from pwralign_kin.estimation.sensing.scene import surroundings_of
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
-from pwralign_kin.estimation.stages import SearchedScan
+from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, SearchedScan, Suppositions
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
 from pwralign_kin.scan import Scan, warn_of_rounding
 from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
 
-Bool = NDArray[np.bool_]
 Answer = tuple[SearchedScan, Estimate]
 
 BLIND, SIGHTED = 0.1, 0.5
@@ -54,145 +53,145 @@ def estimated(
 ) -> Estimate:
     """Return the estimate of one scan."""
     warn_of_rounding(scan, estimator.model.diagonal)
-    fit = estimator.fit(scan, initial, correspondences)
-    estimate = estimator.finished(fit)
+    searched = estimator.searched(scan, initial, correspondences)
+    estimate = estimator.finished(searched)
     looks = (_from_other_sides, _within_picture, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin)
     for look in looks:
-        fit, estimate = look(estimator, fit, estimate)
-    estimate = _against_mirror_image(estimator, fit, estimate)
+        searched, estimate = look(estimator, searched, estimate)
+    estimate = _against_mirror_image(estimator, searched, estimate)
     warn_of_size(scan, estimate)
     return estimate
 
 
-def _from_other_sides(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
+def _from_other_sides(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again, as if its other side had been seen, at each part that a scan without sensor origin shows from one
     side only, and return the best."""
-    observation = fit.solver.comparison.observation
-    if observation.scene or fit.scan.sensor_origin is not None:
-        return fit, estimate
-    first, turned = fit, np.zeros(len(observation.points), bool)
+    observation = searched.solver.comparison.observation
+    if observation.scene or searched.scan.sensor_origin is not None:
+        return searched, estimate
+    first, turned = searched, np.zeros(len(observation.points), bool)
     tried = {turned.tobytes()}
     for _ in range(OTHER_SIDES):
-        parts = turned_over(fit.solver.comparison, fit.finished.take([0]))
+        parts = turned_over(searched.solver.comparison, searched.finished.take([0]))
         several = [np.any(parts, axis=0)] if len(parts) > 1 else []
-        best, now = fit, turned
+        best, now = searched, turned
         for over in several + parts:
             other = turned ^ over
             if other.tobytes() in tried:
                 continue
             tried.add(other.tobytes())
-            found = _with_turned(estimator, other, fit)
+            found = _with_turned(estimator, other, searched)
             if found is not None and found.finished.scores[0] > best.finished.scores[0]:
                 best, now = found, other
-        if best is fit:
+        if best is searched:
             break
-        fit, turned = best, now
-    return (fit, estimate) if fit is first else (fit, estimator.finished(fit))
+        searched, turned = best, now
+    return (searched, estimate) if searched is first else (searched, estimator.finished(searched))
 
 
-def _with_turned(estimator: Estimator, turned: Bool, fit: SearchedScan) -> SearchedScan | None:
-    """Search again with points `turned` (m,), if the answer of a `fit` gets better by that; None if none does."""
-    observation, enough = fit.solver.comparison.observation, fit.finished.scores[0] + OTHER_SIDE
-    answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
+def _with_turned(estimator: Estimator, turned: Bools, searched: SearchedScan) -> SearchedScan | None:
+    """Search again with points `turned` (m,), if the answer gets better by that; None if none does."""
+    observation, enough = searched.solver.comparison.observation, searched.finished.scores[0] + OTHER_SIDE
+    answer = state_of(estimator.model, observation, searched.finished.bases[0], searched.finished.values[0])
     try:
-        from_answer = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned, start=answer)
+        from_answer = _anew(estimator, searched, Suppositions(turned=turned, start=answer))
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
     if from_answer.finished.scores[0] <= enough:
         return None
     with suppress(ScanError, CorrespondenceError):
-        anew = estimator.fit(fit.scan, fit.initial, fit.correspondences, fit.watch, turned=turned)
+        anew = _anew(estimator, searched, Suppositions(turned=turned))
         if anew.finished.scores[0] > enough:
             return anew
     return from_answer
 
 
-def _within_picture(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
+def _within_picture(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view that the border of its picture cuts, as one that tells nothing of what is beyond, and return
     the best answer by what it then tells. An answer from a guess was not led away from it by free space."""
-    observation = fit.solver.comparison.observation
-    if observation.scene or not observation.single_view or len(observation.borders) or fit.initial is not None:
-        return fit, estimate
-    borders = borders_of(fit.scan, observation, estimator.threads)
+    observation = searched.solver.comparison.observation
+    if observation.scene or not observation.single_view or len(observation.borders) or searched.initial is not None:
+        return searched, estimate
+    borders = borders_of(searched.scan, observation, estimator.threads)
     if len(borders) == 0:
-        return fit, estimate
-    answer = state_of(estimator.model, observation, fit.finished.bases[0], fit.finished.values[0])
+        return searched, estimate
+    answer = state_of(estimator.model, observation, searched.finished.bases[0], searched.finished.values[0])
     try:
-        best = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders, start=answer)
+        best = _anew(estimator, searched, Suppositions(borders=borders, start=answer))
         if not is_plainly_right(best.solver.comparison, best.finished.take([0])):
-            anew = estimator.fit(fit.scan, None, fit.correspondences, fit.watch, borders=borders)
+            anew = _anew(estimator, searched, Suppositions(borders=borders))
             best = max(best, anew, key=lambda own: float(own.finished.scores[0]))
         return best, estimator.finished(best)
     except (ScanError, CorrespondenceError):  # too little is left within the picture
-        return fit, estimate
+        return searched, estimate
 
 
-def _beside_surroundings(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
+def _beside_surroundings(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
 
     The patch draws parts of the model to it, and passes for a sign that something else was scanned.
     """
     model, options = estimator.model, estimator.options
-    observation, evidence = fit.solver.comparison.observation, estimate.evidence
+    observation, evidence = searched.solver.comparison.observation, estimate.evidence
     if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
-        return fit, estimate
-    near = without_far_points(fit.scan, model.reach)
+        return searched, estimate
+    near = without_far_points(searched.scan, model.reach)
     left = estimate.scan_labels[near.source_index] < 0
     left &= was_prepared(observation, near.points, options.observation)
     surroundings = surroundings_of(near, left, estimator.scenes)
-    other = _again(estimator, fit, near, surroundings) if surroundings.any() else None
+    other = _among(estimator, searched, near, surroundings) if surroundings.any() else None
     if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
-        return fit, estimate
-    return other if other[1].confidence >= estimate.confidence else (fit, estimate)
+        return searched, estimate
+    return other if other[1].confidence >= estimate.confidence else (searched, estimate)
 
 
-def _without_sensor_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
+def _without_sensor_origin(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a view to which no answer is any good, as if it were not known from where it was seen, and return
     that answer if it is good: the origin must be wrong."""
-    observation = fit.solver.comparison.observation
+    observation = searched.solver.comparison.observation
     if not observation.single_view or observation.scene or soundness(estimate.evidence) >= BLIND:
-        return fit, estimate
-    other = _sighted(estimator, fit, fit.scan.without_sensor_origin())
+        return searched, estimate
+    other = _sighted(estimator, searched, searched.scan.without_sensor_origin())
     if other is None:
-        return fit, estimate
+        return searched, estimate
     logger.warning(
         "%s: its sensor origin is not used: the model fits the scan without it, and does not with it; is it in the "
         "frame of the scan?",
-        fit.scan.source,
+        searched.scan.source,
     )
     return other
 
 
-def _seen_from_own_origin(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Answer:
+def _seen_from_own_origin(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose answer is not sound and sure, and whose sensor origin nobody told, as if it were seen
     from the origin of its frame, where a camera puts its own, and return that answer if it is better."""
-    known, observation = fit.scan.sensor_origin is not None, fit.solver.comparison.observation
+    known, observation = searched.scan.sensor_origin is not None, searched.solver.comparison.observation
     if known or min(soundness(estimate.evidence), estimate.confidence) >= SIGHTED:
-        return fit, estimate
-    scan, diagonal = fit.scan.with_sensor_origin(np.zeros(3)), estimator.model.diagonal
+        return searched, estimate
+    scan, diagonal = searched.scan.with_sensor_origin(np.zeros(3)), estimator.model.diagonal
     if not is_view(scan) or contradicting(scan, diagonal):
-        return fit, estimate
+        return searched, estimate
     if not observation.scene and is_of_all_sides(scan, diagonal, observation.noise, estimator.threads):
-        return fit, estimate
-    other = _sighted(estimator, fit, scan)
+        return searched, estimate
+    other = _sighted(estimator, searched, scan)
     if other is None or other[1].confidence < estimate.confidence:
-        return fit, estimate
+        return searched, estimate
     logger.info("%s: taken to be seen from 0 0 0, the origin of its frame; nothing was found else", scan.source)
     return _within_picture(estimator, *other)
 
 
-def _sighted(estimator: Estimator, fit: SearchedScan, scan: Scan) -> Answer | None:
-    """Return the answer to the scan of a `fit` seen from elsewhere, None if it is not sound.
+def _sighted(estimator: Estimator, searched: SearchedScan, scan: Scan) -> Answer | None:
+    """Return the answer to a scan `searched` before, as seen from elsewhere, None if it is not sound.
 
     One short search tells most of those that are and that are not.
     """
     effort = estimator.options.effort
     quick = Estimator(estimator.model, replace(estimator.options, effort="fast"))
     try:
-        found = quick.fit(scan, fit.initial, fit.correspondences, fit.watch)
+        found = _anew(quick, searched, scan=scan)
         sound = _searched_soundness(found)
         if sound >= BLIND and (effort == "thorough" or (effort == "default" and sound < SIGHTED)):
-            found = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch)
+            found = _anew(estimator, searched, scan=scan)
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return None
     if sound < BLIND:
@@ -201,21 +200,29 @@ def _sighted(estimator: Estimator, fit: SearchedScan, scan: Scan) -> Answer | No
     return (found, other) if soundness(other.evidence) >= SIGHTED else None
 
 
-def _searched_soundness(fit: SearchedScan) -> float:
+def _searched_soundness(searched: SearchedScan) -> float:
     """Return how sound the answer is that a search ended with."""
-    return soundness(gathered(fit.solver.comparison, fit.finished.take([0]), fit.finished))
+    return soundness(gathered(searched.solver.comparison, searched.finished.take([0]), searched.finished))
 
 
-def _again(estimator: Estimator, fit: SearchedScan, scan: Scan, surroundings: Bool | None = None) -> Answer | None:
-    """Return the answer to the scan of a `fit` as it is supposed to be; None if nothing of it can be of the model."""
+def _anew(
+    estimator: Estimator, searched: SearchedScan, supposed: Suppositions = NOTHING_SUPPOSED, scan: Scan | None = None
+) -> SearchedScan:
+    """Search a scan again, or another that is put in its place, with what was told of it."""
+    scan = searched.scan if scan is None else scan
+    return estimator.searched(scan, searched.initial, searched.correspondences, searched.watch, supposed)
+
+
+def _among(estimator: Estimator, searched: SearchedScan, scan: Scan, surroundings: Bools) -> Answer | None:
+    """Return the answer to a scan of the model among `surroundings`, None if nothing of it can be of the model."""
     try:
-        other = estimator.fit(scan, fit.initial, fit.correspondences, fit.watch, surroundings)
+        other = _anew(estimator, searched, Suppositions(surroundings=surroundings), scan)
         return other, estimator.finished(other)
     except (ScanError, CorrespondenceError):
         return None
 
 
-def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Estimate) -> Estimate:
+def _against_mirror_image(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Estimate:
     """Hold an answer that leaves points strange or astray against one to the mirror image of the scan, which some
     programs write: their coordinates are left-handed.
 
@@ -223,17 +230,16 @@ def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Est
     """
     evidence, options = estimate.evidence, estimator.options
     told = options.base != BasePrior() or options.region is not None or options.near is not None
-    told = told or fit.initial is not None or fit.correspondences is not None
+    told = told or searched.initial is not None or searched.correspondences is not None
     odd = evidence.strange + evidence.astray > OF_OTHER_HAND and estimate.scan_coverage >= OF_THE_MODEL
-    if told or not odd or fit.solver.comparison.observation.scene:
+    if told or not odd or searched.solver.comparison.observation.scene:
         return estimate
     try:
         # Of the model, the image is found without repair; of anything else, repair takes most of the time.
         quick = replace(options, effort="fast", repair=replace(options.repair, rounds=0))
-        borders = fit.solver.comparison.observation.borders * np.array([1.0, 1.0, -1.0], np.float32)
-        image = Estimator(estimator.model, quick).fit(
-            fit.scan.mirrored(), None, None, fit.watch, borders=borders if len(borders) else None
-        )
+        borders = searched.solver.comparison.observation.borders * np.array([1.0, 1.0, -1.0], np.float32)
+        supposed = Suppositions(borders=borders if len(borders) else None)
+        image = _anew(Estimator(estimator.model, quick), searched, supposed, searched.scan.mirrored())
     except (ScanError, CorrespondenceError):  # nothing of it can be a part of the model
         return estimate
     if image.solver.comparison.observation.scene:  # its scores do not compare
@@ -243,6 +249,6 @@ def _against_mirror_image(estimator: Estimator, fit: SearchedScan, estimate: Est
         logger.warning(
             "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, turn "
             "the sign of one axis",
-            fit.scan.source,
+            searched.scan.source,
         )
     return replace(estimate, evidence=evidence, confidence=confidence(evidence))

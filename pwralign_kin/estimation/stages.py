@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pwralign_kin.arrays import Bools, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.evidence import Evidence
@@ -14,6 +15,23 @@ from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
+
+
+@dataclass(frozen=True)
+class Suppositions:
+    """What a scan is taken to show for the length of one search, though nobody told."""
+
+    surroundings: Bools | None = None
+    """(n,) Points of the scan that are of something else: with them, it is a scene."""
+    turned: Bools | None = None
+    """(m,) Prepared points that are of the other side of their surface."""
+    borders: Singles | None = None
+    """(b, 3) Where the picture of a view ends: outward unit normals of planes through the sensor."""
+    start: State | None = None
+    """An answer to search about that nobody knows to be near: unlike a guess, it is no prior."""
+
+
+NOTHING_SUPPOSED = Suppositions()
 
 
 @dataclass(frozen=True)

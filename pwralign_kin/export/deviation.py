@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import files, kernels
+from pwralign_kin.arrays import Bools, Indices
 from pwralign_kin.render import PosedMesh, RayScene
-from pwralign_kin.render.arrays import Indices
 from pwralign_kin.scan import write_ply
 from pwralign_kin.se3 import Array
 
@@ -146,7 +146,7 @@ def _figures(distances: Array) -> tuple[float, float, float, float]:
 class _Surroundings:
     """Which faces can be seen from outside, found out where it matters only."""
 
-    hidden: NDArray[np.bool_]
+    hidden: Bools
     """(f,) faces known to be hidden."""
 
     def __init__(self, mesh: PosedMesh) -> None:

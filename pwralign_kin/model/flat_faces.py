@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Indices, Singles
 from pwralign_kin.se3 import Array
-
-Float = NDArray[np.float32]
 
 TRIALS = 100
 """Planes through a random point and its normal that each face is chosen from."""
@@ -39,7 +37,7 @@ class FlatFaces:
 
 
 def flat_faces(
-    points: Float, normals: Float, area: Array, link: float, tolerance: float, least_area: float
+    points: Singles, normals: Singles, area: Array, link: float, tolerance: float, least_area: float
 ) -> FlatFaces:
     """Return the connected flat pieces of at least `least_area` among points (n, 3) with unit normals (n, 3).
 
@@ -66,7 +64,7 @@ def flat_faces(
     )
 
 
-def _largest_piece(points: Float, normals: Float, link: float, tolerance: float) -> NDArray[np.int64]:
+def _largest_piece(points: Singles, normals: Singles, link: float, tolerance: float) -> Indices:
     """Return the points of the largest connected piece of the plane that holds most points."""
     x, y, z, offset, _ = kernels.dominant_plane(points, normals, tolerance, TRIALS, 0)
     normal = np.array([x, y, z], np.float32)
@@ -82,7 +80,7 @@ def _largest_piece(points: Float, normals: Float, link: float, tolerance: float)
     return np.asarray(on[label == np.bincount(label).argmax()])
 
 
-def _rectangle(points: Array, normal: Float) -> tuple[Array, Array]:
+def _rectangle(points: Array, normal: Singles) -> tuple[Array, Array]:
     """Return the frame and the sides of the least rectangle around points (n, 3) of a plane with this normal."""
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=False)[2]

@@ -16,11 +16,12 @@ from urllib.parse import unquote
 import numpy as np
 
 from pwralign_kin import se3
+from pwralign_kin.arrays import Indices
 from pwralign_kin.exceptions import MissingMeshError, ModelError
 from pwralign_kin.model import cache
 from pwralign_kin.model.description import Description, Shape
 from pwralign_kin.model.packages import NO_FOLDERS, PackageFolders
-from pwralign_kin.model.part_graph import IntArray, Visual
+from pwralign_kin.model.part_graph import Visual
 from pwralign_kin.se3 import Array
 
 MeshUnits = Literal["ignore", "apply"]
@@ -50,7 +51,7 @@ class Body:
     """Triangles of one colour."""
 
     vertices: Array
-    faces: IntArray
+    faces: Indices
     rgba: tuple[float, ...] | None
     """The mesh's own colour; None where it has none."""
 
@@ -283,7 +284,7 @@ def load_mesh(path: Path, files: Mapping[str, bytes], mesh_units: MeshUnits, rep
     if mesh_units == "ignore" and abs(unit - 1.0) > 1e-9:
         report.units[path.name] = unit
         unit = 1.0
-    by_color: dict[tuple[float, ...] | None, list[tuple[Array, IntArray]]] = {}
+    by_color: dict[tuple[float, ...] | None, list[tuple[Array, Indices]]] = {}
     dropped = 0
     for node in scene.graph.nodes_geometry:
         T, name = scene.graph[node]
@@ -346,7 +347,7 @@ def _color(visual: Any) -> tuple[float, ...] | None:
     return (*rgba[:3], rgba[3] if rgba[3] > 0.1 else 1.0)
 
 
-def _clean(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, int]:
+def _clean(vertices: Array, faces: Indices) -> tuple[Array, Indices, int]:
     """Merge equal vertices and drop triangles without area or with vertices that are not finite."""
     kept = faces[((faces >= 0) & (faces < len(vertices))).all(axis=1)]
     a, b, c = (vertices[kept[:, corner]] for corner in range(3))
@@ -356,7 +357,7 @@ def _clean(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, int]:
     return *_merged(vertices, kept), len(faces) - len(kept)
 
 
-def _merged(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Return only the vertices in use, equal ones (to the bit) once."""
     words = (np.ascontiguousarray(vertices) + 0.0).view(np.uint64).reshape(-1, 3)  # + 0.0: one zero
     codes = np.zeros(len(words), np.uint64)
@@ -371,7 +372,7 @@ def _merged(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     return vertices[first[used]], compact.reshape(faces.shape).astype(np.int64)
 
 
-def _joined(pieces: Sequence[tuple[Array, IntArray]], rgba: tuple[float, ...] | None) -> Body:
+def _joined(pieces: Sequence[tuple[Array, Indices]], rgba: tuple[float, ...] | None) -> Body:
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
     faces = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
     return Body(np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces), rgba)

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import se3
+from pwralign_kin.arrays import Bools, Indices
 from pwralign_kin.model.description import Description, Joint
 from pwralign_kin.se3 import Array
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,7 @@ class Visual:
     vertices: Array
     """(v, 3) in the visual's frame, m, mesh scale applied."""
 
-    faces: IntArray
+    faces: Indices
     """(f, 3) vertex indices, counter-clockwise seen from outside."""
 
     rgba: Array
@@ -80,7 +78,7 @@ class Part:
     vertices: Array
     """(v, 3) all geometry of its links, in the part's frame, m; empty without geometry."""
 
-    faces: IntArray
+    faces: Indices
     """(f, 3) vertex indices."""
 
     visuals: tuple[Visual, ...]
@@ -140,7 +138,7 @@ def assemble_parts(
     welds: Sequence[Weld],
     visuals: Mapping[str, Sequence[Visual]],
     actuated: Mapping[str, int],
-    continuous: NDArray[np.bool_],
+    continuous: Bools,
 ) -> tuple[Part, ...]:
     """Join the welds with the links' geometry and the numbering of the actuated joints."""
     parts = []
@@ -166,7 +164,7 @@ def assemble_parts(
     return tuple(parts)
 
 
-def _moving_joint(weld: Weld, actuated: Mapping[str, int], continuous: NDArray[np.bool_]) -> MovingJoint | None:
+def _moving_joint(weld: Weld, actuated: Mapping[str, int], continuous: Bools) -> MovingJoint | None:
     if weld.joint is None:
         return None
     mimic = weld.joint.mimic

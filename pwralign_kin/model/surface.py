@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.se3 import Array
-
-Float = NDArray[np.float32]
 
 LEAST_WEIGHT = 0.02  # small parts count at least this share, ...
 SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than this: a hand of many parts is still a hand
@@ -21,29 +20,29 @@ SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than thi
 class Surface:
     """The visible surface of one part, lengths in model diagonals, in the part frame."""
 
-    samples: Float
+    samples: Singles
     """(m, 3) coarse samples in farthest-point order, so that any prefix is a coarse set; empty: no surface."""
-    normals: Float
+    normals: Singles
     """(m, 3) outward unit normals of the coarse samples, as scans tell them."""
-    weights: Float
+    weights: Singles
     """(m,) share of the visible surface that each coarse sample stands for, weighted by how often it is seen."""
-    dense: Float
+    dense: Singles
     """(d, 3) samples for closest-point queries."""
-    dense_normals: Float
+    dense_normals: Singles
     """(d, 3) outward unit normals of the dense samples."""
-    apparent_normals: Float
+    apparent_normals: Singles
     """(d, 3) the same as scans tell them, whose normals are of neighbourhoods and mix the faces of what is fine."""
     grid: NDArray[np.uint16]
     """(x, y, z) index of the closest dense sample per cell, 65535 beyond the band."""
-    origin: Float
+    origin: Singles
     """(3,) lower corner of the grid."""
-    centre: Float
+    centre: Singles
     """(3,) centre of the bounding sphere."""
     faces: Array
     """(f, 4, 4) frames of the rectangles around flat faces (`flat_faces.FlatFaces`), ..."""
     face_sizes: Array
     """... and (f, 2) their sides."""
-    scalars: Float
+    scalars: Singles
     """(5,) `cell`, `spacing`, `radius`, `size` and `area`, as they are kept in the cache."""
 
     @property
@@ -77,7 +76,7 @@ class Surface:
         return float(self.scalars[4])
 
 
-def part_weights(surfaces: Sequence[Surface]) -> Float:
+def part_weights(surfaces: Sequence[Surface]) -> Singles:
     """Return the weight (n,) of every part in the score: its share of the visible area, but never negligible."""
     areas = np.array([s.area for s in surfaces])
     exists = np.array([s.exists for s in surfaces])

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Singles
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.model.cache import load_or_build
 from pwralign_kin.model.flat_faces import FlatFaces, flat_faces
-from pwralign_kin.model.surface import Float, Surface, triple
+from pwralign_kin.model.surface import Surface, triple
 from pwralign_kin.se3 import Array
 
 Mesh = tuple[NDArray[Any], NDArray[Any]]
@@ -77,7 +78,7 @@ def build_surfaces(
 
 def _evenly_spaced(
     vertices: NDArray[Any], faces: NDArray[Any], random: np.random.Generator
-) -> tuple[Float, Float, float, float]:
+) -> tuple[Singles, Singles, float, float]:
     """Return evenly spaced points (m, 3) on the triangles, their face normals (m, 3), the spacing and the area."""
     if len(faces) == 0:
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), DENSE_SPACING, 0.0
@@ -107,10 +108,10 @@ def _spacing(area: float, count: int) -> float:
 def _visibility(
     meshes: Sequence[Mesh],
     random_placements: Callable[[np.random.Generator], Array],
-    points: Sequence[Float],
-    normals: Sequence[Float],
+    points: Sequence[Singles],
+    normals: Sequence[Singles],
     random: np.random.Generator,
-) -> tuple[list[Float], list[Float]]:
+) -> tuple[list[Singles], list[Singles]]:
     """Return per part how often each point is seen over random configurations, and on which side of its normal."""
     o3d = open3d()
 
@@ -140,11 +141,11 @@ def _visibility(
 
 def _surface(
     vertices: NDArray[Any],
-    candidates: tuple[Float, Float, float, float],
-    probes: Float,
-    probe_normals: Float,
-    seen: Float,
-    facing: Float,
+    candidates: tuple[Singles, Singles, float, float],
+    probes: Singles,
+    probe_normals: Singles,
+    seen: Singles,
+    facing: Singles,
 ) -> Surface:
     """Build one part's surface from its points (`_evenly_spaced`) and the visibility of its probes."""
     dense, dense_normals, spacing, area = candidates
@@ -193,7 +194,7 @@ def _surface(
     )
 
 
-def _flat(points: Float, normals: Float, area_per_point: float) -> FlatFaces:
+def _flat(points: Singles, normals: Singles, area_per_point: float) -> FlatFaces:
     """Return the flat faces of the visible probes of one part."""
     spacing = float(np.sqrt(area_per_point))
     area = np.full(len(points), area_per_point)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.exceptions import ArgumentError
-from pwralign_kin.render.arrays import Indices
 from pwralign_kin.se3 import Array
 
 

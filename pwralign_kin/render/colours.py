@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.render.arrays import Image, Singles
+from pwralign_kin.arrays import Image, Singles
 from pwralign_kin.se3 import Array
 
 _OKLAB_TO_LMS = np.array(

@@ -6,10 +6,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Image, Singles
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.render.arrays import Image, Singles
 from pwralign_kin.render.camera import View, projected
 from pwralign_kin.render.colours import as_bytes, to_linear
 from pwralign_kin.render.mesh import PosedMesh, posed_mesh
@@ -76,7 +75,7 @@ class Drawing:
     image: Image
     """(height, width, 3)."""
 
-    shown: NDArray[np.bool_]
+    shown: Bools
     """(p,) the parts that are not hidden."""
 
     near: int

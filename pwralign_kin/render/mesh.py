@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices, Singles
 from pwralign_kin.exceptions import ModelError
 from pwralign_kin.model import ArticulatedModel
-from pwralign_kin.render.arrays import Indices, Singles
 from pwralign_kin.render.colours import part_colours
 from pwralign_kin.render.rays import RayScene
 from pwralign_kin.se3 import Array, transform

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.dependencies import open3d
-from pwralign_kin.render.arrays import Indices, Singles
 from pwralign_kin.se3 import Array
 
 
@@ -46,7 +45,7 @@ class RayScene:
         face = np.where(np.isinf(distance), -1, answer["primitive_ids"].numpy().astype(np.int64))
         return Hits(distance, face, answer["primitive_normals"].numpy(), answer["primitive_uvs"].numpy())
 
-    def blocked(self, rays: Singles, reach: float = np.inf) -> NDArray[np.bool_]:
+    def blocked(self, rays: Singles, reach: float = np.inf) -> Bools:
         """Return (...) whether `rays` (..., 6) of unit direction meet anything within `reach`, m."""
         answer = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=reach)
         return np.asarray(answer.numpy())

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pwralign_kin.render.arrays import Indices, Singles
+from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.render.camera import View, tangents
 from pwralign_kin.render.mesh import PosedMesh
 
@@ -39,7 +38,7 @@ def middles(size: tuple[int, int]) -> Singles:
     return np.stack([columns, rows], axis=-1) + np.float32(0.5)
 
 
-def middles_within(chosen: NDArray[np.bool_]) -> Singles:
+def middles_within(chosen: Bools) -> Singles:
     """Return (n, s, 2) the middles of the squares that the chosen pixels are divided into, row by row."""
     rows, columns = np.nonzero(chosen)
     inner = middles((SAMPLES_PER_PIXEL, SAMPLES_PER_PIXEL)).reshape(-1, 2) / SAMPLES_PER_PIXEL

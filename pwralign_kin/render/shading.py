@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pwralign_kin.render.arrays import Singles
+from pwralign_kin.arrays import Bools, Singles
 from pwralign_kin.render.camera import View
 from pwralign_kin.render.colours import to_linear
 from pwralign_kin.render.mesh import PosedMesh
@@ -18,7 +17,7 @@ _OCCLUSION_RAYS, _COARSE = 12, 3  # from every third pixel in each direction; th
 _STRIPES, _STRIPED = 9.0, 0.62  # pixels from stripe to stripe, and how white they are
 
 
-def shaded(mesh: PosedMesh, met: Samples, openness: Singles, view: View, striped: NDArray[np.bool_]) -> Singles:
+def shaded(mesh: PosedMesh, met: Samples, openness: Singles, view: View, striped: Bools) -> Singles:
     """Return the colours (n, 3) of samples on the mesh in linear light: Lambert's law, two lamps, ambient occlusion.
 
     `openness` is (n,), `striped` (p,) the parts to be hatched.
@@ -103,7 +102,7 @@ def _enlarged(values: Singles, shape: tuple[int, ...]) -> Singles:
     return values
 
 
-def busy_pixels(pixels: Samples, diagonal: float) -> NDArray[np.bool_]:
+def busy_pixels(pixels: Samples, diagonal: float) -> Bools:
     """Return (height, width) the pixels that differ from one of their neighbours so much that a line runs between."""
     busy = np.zeros(pixels.face.shape, dtype=bool)
     for here, there in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
@@ -116,7 +115,7 @@ def busy_pixels(pixels: Samples, diagonal: float) -> NDArray[np.bool_]:
     return busy
 
 
-def lines(pixels: Samples, busy: NDArray[np.bool_], finer: Samples, diagonal: float) -> Singles:
+def lines(pixels: Samples, busy: Bools, finer: Samples, diagonal: float) -> Singles:
     """Return the darkness (n, s) of lines at the samples within busy pixels."""
     height, width = busy.shape
     side = SAMPLES_PER_PIXEL

@@ -8,7 +8,7 @@ from pwralign_kin.render.camera import View, camera_axes, projected, tangents
 from pwralign_kin.render.mesh import PosedMesh
 from pwralign_kin.render.samples import cast, middles
 from pwralign_kin.scan import Scan
-from pwralign_kin.se3 import Array, rotation_about
+from pwralign_kin.se3 import Array, axes_across, rotation_about
 
 NEAR_SURFACE = 0.02
 """Scan points within this distance of the model (relative to its diagonal) count as lying on it."""
@@ -122,8 +122,7 @@ def _view_from(eye: Array, outline: Array, up: Array, size: tuple[int, int], wid
 def _oblique_view(outline: Array, up: Array, azimuth: float, size: tuple[int, int]) -> View:
     """Return the fitted view from `azimuth` (rad) about `up`, looking down by 20 degrees."""
     up = up / np.linalg.norm(up)
-    level = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
-    level = rotation_about(up, azimuth) @ (level / np.linalg.norm(level))
+    level = rotation_about(up, azimuth) @ axes_across(up)[0]
     elevation = np.radians(20.0)
     return _fitted_view(outline, np.cos(elevation) * level - np.sin(elevation) * up, up, size)
 

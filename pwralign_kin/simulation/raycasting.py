@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.dependencies import open3d
-from pwralign_kin.se3 import Array
+from pwralign_kin.se3 import Array, axes_across
 
 Body = tuple[Array, NDArray[np.int64]]
 """Vertices (v, 3), m, and faces (f, 3) of one rigid body in the world."""
@@ -143,6 +143,4 @@ def pinhole_directions(axes: Array, focal: float, size: tuple[int, int]) -> Arra
 def looking_at(forward: Array) -> Array:
     """Return the axes right, down, forward of a camera that looks along `forward` (3,), as columns."""
     z = forward / np.linalg.norm(forward)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return np.stack([*axes_across(z), z], axis=-1)

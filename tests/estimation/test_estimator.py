@@ -15,16 +15,16 @@ from pwralign_kin.simulation import SimulatedScan
 def test_an_answer_that_outlines_mend_is_borne_out_where_the_points_lie_on_it(
     arm: pk.ArticulatedModel, single_scan: SimulatedScan
 ) -> None:
-    fit = Estimator(arm, pk.EstimatorOptions()).fit(single_scan.scan, None, None)
-    start = fit.finished.take([0])
-    solution = fit.solver.run(start.bases[0], start.values[0])
+    searched = Estimator(arm, pk.EstimatorOptions()).searched(single_scan.scan, None, None)
+    start = searched.finished.take([0])
+    solution = searched.solver.run(start.bases[0], start.values[0])
     bent = replace(solution, base=solution.base.copy())
     bent.base[:3, 3] += 0.03 / np.sqrt(3)
     far = replace(solution, base=solution.base.copy())
     far.base[:3, 3] += 0.2
 
-    fit.solver.silhouette = None
-    assert np.array_equal(bearing_out(fit, bent).bases[0], bent.base)
-    fit.solver.silhouette = mock.Mock()
-    assert np.array_equal(bearing_out(fit, bent).bases[0], start.bases[0])
-    assert np.array_equal(bearing_out(fit, far).bases[0], far.base)
+    searched.solver.silhouette = None
+    assert np.array_equal(bearing_out(searched, bent).bases[0], bent.base)
+    searched.solver.silhouette = mock.Mock()
+    assert np.array_equal(bearing_out(searched, bent).bases[0], start.bases[0])
+    assert np.array_equal(bearing_out(searched, far).bases[0], far.base)

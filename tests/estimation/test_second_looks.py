@@ -12,6 +12,7 @@ import pytest
 import pwralign_kin as pk
 from pwralign_kin.estimation import second_looks
 from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.stages import Suppositions
 from pwralign_kin.exceptions import CorrespondenceError
 from pwralign_kin.simulation import SimulatedScan, random_state
 from pwralign_kin.simulation.raycasting import World, looking_at
@@ -42,20 +43,20 @@ def test_a_second_look_beside_surroundings_must_be_sounder_and_no_less_confident
     monkeypatch.setattr(second_looks, "soundness", lambda evidence: evidence.sound)
     monkeypatch.setattr(second_looks, "was_prepared", lambda observation, points, options: np.ones(len(points), bool))
     monkeypatch.setattr(second_looks, "surroundings_of", lambda near, left, *rest: left)
-    monkeypatch.setattr(estimator, "fit", mock.Mock())
-    monkeypatch.setattr(estimator, "finished", lambda fit: second)
+    monkeypatch.setattr(estimator, "searched", mock.Mock())
+    monkeypatch.setattr(estimator, "finished", lambda _: second)
     searched = mock.Mock(scan=scan)
     searched.solver.comparison.observation.scene = False
     answer = second_looks._beside_surroundings(estimator, searched, first)[1]
     assert answer is (second if taken else first)
-    assert estimator.fit.call_args.args[4].all()  # what the first answer left unexplained
+    assert estimator.searched.call_args.args[4].surroundings.all()  # what the first answer left unexplained
 
 
 def _found(score: float) -> Any:
-    """A fit whose answer has this score."""
-    fit = mock.MagicMock(name=f"fit of score {score}")
-    fit.finished.scores = np.array([score])
-    return fit
+    """A search whose answer has this score."""
+    searched = mock.MagicMock(name=f"search of score {score}")
+    searched.finished.scores = np.array([score])
+    return searched
 
 
 @pytest.mark.parametrize(
@@ -72,7 +73,7 @@ def test_points_are_turned_where_the_answer_gets_better_by_it(
     from_answer: Any, anew: Any, kept: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     estimator = mock.Mock()
-    estimator.fit = mock.Mock(side_effect=[from_answer, anew])
+    estimator.searched = mock.Mock(side_effect=[from_answer, anew])
     monkeypatch.setattr(second_looks, "state_of", mock.Mock())
     found = second_looks._with_turned(estimator, np.ones(3, bool), _found(1.0))
     assert found is {None: None, "anew": anew, "from answer": from_answer}[kept]
@@ -83,7 +84,7 @@ def test_an_answer_to_search_about_is_no_prior(arm: pk.ArticulatedModel, single_
     name = arm.joint_names[0]
     prior = single_scan.state.joints[name] + 0.05
     estimator = Estimator(arm, pk.EstimatorOptions(prior={name: prior}, prior_std={name: 0.05}, threads=2))
-    found = estimator.fit(single_scan.scan, None, None, start=single_scan.state)
+    found = estimator.searched(single_scan.scan, None, None, supposed=Suppositions(start=single_scan.state))
     assert found.initial is None
     assert found.prior[0] * arm.joint_scales[0] == pytest.approx(prior)
     assert np.all(found.solver.upper[0] * arm.joint_scales[0] - prior < 0.3)
@@ -108,18 +109,18 @@ def test_a_short_search_from_elsewhere_tells_whether_a_longer_one_is_worth_it(
     single_scan: SimulatedScan,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    searched = []
+    made = []
 
-    def fit(own: Estimator, *_: Any) -> Any:
-        searched.append(own.options.effort)
+    def searched(own: Estimator, *_: Any) -> Any:
+        made.append(own.options.effort)
         return _found(1.0)
 
-    monkeypatch.setattr(Estimator, "fit", fit)
-    monkeypatch.setattr(Estimator, "finished", lambda own, fit: _answer(single_scan.scan, sound, 0.5))
+    monkeypatch.setattr(Estimator, "searched", searched)
+    monkeypatch.setattr(Estimator, "finished", lambda *_: _answer(single_scan.scan, sound, 0.5))
     monkeypatch.setattr(second_looks, "gathered", lambda *_: None)
     monkeypatch.setattr(second_looks, "soundness", lambda _: sound)
     found = second_looks._sighted(Estimator(arm, pk.EstimatorOptions(effort=effort)), _found(1.0), single_scan.scan)
-    assert searched == efforts
+    assert made == efforts
     assert (found is not None) == (sound > 0.5)
 
 
@@ -129,11 +130,11 @@ def test_the_mirror_image_is_of_the_scan_as_it_was_taken_to_be(
     """After a look without the sensor origin, the image had it again."""
     scan, held_against = single_scan.scan, []
 
-    def without_origin(estimator: Estimator, fit: Any, estimate: pk.Estimate) -> Any:
-        return estimator.fit(fit.scan.without_sensor_origin(), None, None), estimate
+    def without_origin(estimator: Estimator, searched: Any, estimate: pk.Estimate) -> Any:
+        return estimator.searched(searched.scan.without_sensor_origin(), None, None), estimate
 
-    def against(estimator: Estimator, fit: Any, estimate: pk.Estimate) -> pk.Estimate:
-        held_against.append(fit.scan.sensor_origin)
+    def against(estimator: Estimator, searched: Any, estimate: pk.Estimate) -> pk.Estimate:
+        held_against.append(searched.scan.sensor_origin)
         return estimate
 
     monkeypatch.setattr(second_looks, "_without_sensor_origin", without_origin)

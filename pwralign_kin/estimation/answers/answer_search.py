@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.answers.plainly_right import PLAIN_OFF, is_explained, is_plainly_right, off_surface
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
@@ -23,7 +24,6 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, r
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.scene_search import unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import Float
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.exceptions import CorrespondenceError
 from pwralign_kin.model import ArticulatedModel
@@ -43,7 +43,11 @@ HARDLY_SOUND = 0.3
 LACKING = 0.1
 """Share of the model's surface in parts that explain too little, from which an answer may lack whole limbs."""
 NEAR_TIE = 0.08
-"""Solutions within this score of the best are refined to the end and compared again."""
+"""Solutions within this score of the best are refined to the end and compared again, ..."""
+FINE_SIGMA, FINE_SUPPORT = 0.012, 0.3
+"""... from this robust scale (model diagonals), with this weight of model support."""
+ABSENT = 0.2
+"""Support below which a part is taken for one that a scan of all sides lacks."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
 READINGS = 5
@@ -107,7 +111,7 @@ class AnswerSearch:
         self.correspondences = correspondences
         self.watch = watch
         near = options.near
-        self.near: Float | None = None if near is None else search.observation.scaled(np.array([near]))
+        self.near: Singles | None = None if near is None else search.observation.scaled(np.array([near]))
 
     def without_guess(self) -> Found:
         """Return the answers of searches from nothing, best first. `CorrespondenceError` if no part fits.
@@ -119,7 +123,7 @@ class AnswerSearch:
         for attempt in range(self.effort.searches):
             search = self.search if attempt == 0 else TreeSearch(self.comparison.tolerant())
             seed = self.options.seed + attempt
-            found = self._once_more(seed, search, self._distinct(several)) if several else self._once(seed)
+            found = self._further_search(seed, search, self._distinct(several)) if several else self._first_search(seed)
             several.append(found)
             several = [search.comparison.scored(found)[0].best_first() for found in several]
             best = self._distinct(several)
@@ -186,15 +190,15 @@ class AnswerSearch:
             solutions = passing if len(passing) else solutions
         near = solutions.take(solutions.scores > solutions.scores[0] - NEAR_TIE)
         points = comparison.options.fine_points
-        fine = comparison.refined(near, points=points, iterations=20, sigma=0.012, support_weight=0.3)
+        fine = comparison.refined(near, points=points, iterations=20, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT)
         if not comparison.observation.single_view:
             # Parts that the scan lacks must not be pulled to their neighbours' points.
-            absent = comparison.exists & (comparison.scored(fine)[1] < 0.2)
+            absent = comparison.exists & (comparison.scored(fine)[1] < ABSENT)
             again = absent.any(axis=1)
             if again.any():
                 weights = np.ascontiguousarray(comparison.weights * ~absent[again], np.float32)
                 mended = comparison.refined(
-                    fine.take(again), points=points, sigma=0.012, support_weight=0.3, part_weights=weights
+                    fine.take(again), points=points, sigma=FINE_SIGMA, support_weight=FINE_SUPPORT, part_weights=weights
                 )
                 fine.bases[again], fine.values[again] = mended.bases, mended.values
         if not comparison.observation.scene:
@@ -230,16 +234,16 @@ class AnswerSearch:
         distance = self.comparison.owners(best, self.comparison.exists)[0]
         return float(off_surface(self.comparison, distance).mean()) <= PLAIN_OFF
 
-    def _once(self, seed: int) -> Candidates:
+    def _first_search(self, seed: int) -> Candidates:
         """Search a scan of the model. `CorrespondenceError` if no part fits."""
         hypotheses = self._hypotheses(seed, self.search)
         if len(hypotheses.parts) == 0:
             raise self._nothing_placed
         found = self._refined(self.search, self._grown(self.search, hypotheses))
         with self.watch.stage("repair"):
-            return self._narrowly_repaired(self.search, found, turn=True)
+            return self.repaired(found)
 
-    def _once_more(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
+    def _further_search(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
         """Search a scan of the model by other samples, and its pieces too, until they lead to the best answer found
         `before` again; return what was found before where all of the scan does without repair."""
         comparison = search.comparison
@@ -274,12 +278,13 @@ class AnswerSearch:
         """Return whether an answer that was `found` is `known`, and no better than it was."""
         return found.scores[0] <= known.scores[0] + self.repairing.gain and _is_one(comparison, known, found)
 
-    def _found(self, seed: int, search: TreeSearch, start: Candidates) -> Candidates:
-        """Return what grows from hypotheses, and a configuration to `start` from, refined."""
-        hypotheses = self._hypotheses(seed, search)
+    def grown_beside(self, start: Candidates, seed: int) -> Candidates:
+        """Return what grows from hypotheses, and a configuration to `start` from, refined; that alone if there are
+        none."""
+        hypotheses = self._hypotheses(seed, self.search)
         if len(hypotheses.parts) == 0:
             return start
-        return self._refined(search, self._grown(search, hypotheses), start)
+        return self._refined(self.search, self._grown(self.search, hypotheses), start)
 
     def _grown(self, search: TreeSearch, hypotheses: Hypotheses) -> Candidates:
         """Return the configurations that grow from hypotheses, and from a known base."""
@@ -302,8 +307,9 @@ class AnswerSearch:
                 kept = Candidates.concatenate([start, kept])
             return search.comparison.scored(search.comparison.refined(kept))[0]
 
-    def _narrowly_repaired(self, search: TreeSearch, candidates: Candidates, *, turn: bool) -> Candidates:
-        return self._reinterpreted(search, repair(search, candidates, self.repairing, turn=turn))
+    def repaired(self, candidates: Candidates) -> Candidates:
+        """Return candidates repaired, best first, the surface of the best read otherwise unless it is sound."""
+        return self._reinterpreted(self.search, repair(self.search, candidates, self.repairing, turn=True))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""

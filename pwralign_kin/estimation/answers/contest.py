@@ -62,7 +62,7 @@ def _mended_by_turns(
 ) -> Candidates | None:
     """Return the final configuration mended, and repaired and mended again as long as parts lie off their points and
     that gains; None where nothing does."""
-    found = mended(model, comparison, final)
+    found = mended(model, comparison, final, options.repair.votes)
     rounds = min(options.repair.rounds, EFFORTS[options.effort].repairs)
     repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
     for _ in range(TURNS):
@@ -72,7 +72,7 @@ def _mended_by_turns(
         better = _better(comparison, found, repaired)
         if better is None:
             break
-        found = mended(model, comparison, better) or better
+        found = mended(model, comparison, better, options.repair.votes) or better
     return found
 
 
@@ -131,7 +131,7 @@ def _otherwise(
     found = [repair(search, scored, repairing, turn=False)]
     if focused.weights[focused.lacks(answer)].sum() > LACKING:
         found.append(repair(search.widened(), scored, repairing, turn=False))
-    better = mended(model, close, answer)
+    better = mended(model, close, answer, options.repair.votes)
     return Candidates.concatenate(found if better is None else [*found, better])
 
 

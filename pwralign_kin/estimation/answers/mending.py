@@ -8,8 +8,8 @@ nothing else tells. How closely the part's own points lie on it does.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.ranking import SAMPLING, finest, ranked, ranks
@@ -19,8 +19,6 @@ from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model import ArticulatedModel
-
-Ints = NDArray[np.int64]
 
 PARTS, ROUNDS = 2, 6
 """Parts that are mended at a time, those first that are most off their points, and times in a row, ..."""
@@ -36,21 +34,24 @@ UP = 2
 WAYS, HELD, SWEPT, REFINED = 8, 16, 3, 32
 """Ways in which what is cut is grown anew, how many of all ways to hold a part its own joints are swept in, values that
 each sweep keeps, and how many configurations are refined."""
-VOTES, VOTED = VoteOptions(), 8
-"""How votes are cast about such parts, and how many configurations that they lead to are refined, and of those that
-differ from the first of these in whole limbs."""
+VOTED = 8
+"""How many configurations that votes about such parts lead to are refined, and of those that differ from the first of
+these in whole limbs."""
 APART = 0.015
 """Displacement of one part (model diagonals) from which on two configurations are not the same."""
 
 
-def mended(model: ArticulatedModel, comparison: ScanComparison, answer: Candidates) -> Candidates | None:
-    """Return a better configuration than `answer` (one), with other values in limbs that lie off their points.
+def mended(
+    model: ArticulatedModel, comparison: ScanComparison, answer: Candidates, votes: VoteOptions
+) -> Candidates | None:
+    """Return a better configuration than `answer` (one), with other values in limbs that lie off their points; some are
+    what `votes` lead to.
 
     None if no part does, or none is found, and in a bent scan.
     """
     if comparison.residual(answer) > BENT * np.hypot(comparison.observation.noise, SAMPLING):
         return None
-    mender = _Mender(model, comparison)
+    mender = _Mender(model, comparison, votes)
     found = None
     for round_ in range(ROUNDS):
         parts, less = off_points(comparison, answer)
@@ -76,8 +77,8 @@ def mended(model: ArticulatedModel, comparison: ScanComparison, answer: Candidat
 class _Mender:
     """Holds parts of one model otherwise."""
 
-    def __init__(self, model: ArticulatedModel, comparison: ScanComparison) -> None:
-        self.comparison, self.symmetry = comparison, model.symmetry
+    def __init__(self, model: ArticulatedModel, comparison: ScanComparison, votes: VoteOptions) -> None:
+        self.comparison, self.symmetry, self.votes = comparison, model.symmetry, votes
         self.search = TreeSearch(comparison)
         self.closing = JointClosing(model, comparison.model)
         self.chains = {chain.below: chain for chain in chains_between(model)}
@@ -89,9 +90,9 @@ class _Mender:
         swept = self._swept(comparison.distinct(comparison.scored(held)[0], HELD, apart), part)
         return comparison.distinct(comparison.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
 
-    def voted(self, answer: Candidates, off: Ints, seed: int) -> Candidates:
+    def voted(self, answer: Candidates, off: Indices, seed: int) -> Candidates:
         """Return the most promising configurations that the points on parts `off` theirs vote for."""
-        votes = voted(self.search, answer, VOTES, seed, doubting=True, off=off)
+        votes = voted(self.search, answer, self.votes, seed, doubting=True, off=off)
         return answer.take([]) if votes is None else self.search.sifted(votes, VOTED, VOTED)
 
     def _held_otherwise(self, answer: Candidates, part: int) -> Candidates:

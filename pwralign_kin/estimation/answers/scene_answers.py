@@ -94,7 +94,7 @@ class SceneAnswerSearch(AnswerSearch):
         The look that found it was about a configuration of which limbs were elsewhere, and drew other samples.
         """
         look = self._look(seed + self.effort.searches, answer)
-        return answer if look is None else self._repaired(look)
+        return answer if look is None else self._repaired_in_scene(look)
 
     def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
@@ -108,16 +108,16 @@ class SceneAnswerSearch(AnswerSearch):
             best = max((float(own.scores[0]) for own in several), default=-np.inf)
             if look.best.scores[0] < best - options.gained:
                 break
-            several.append(self._repaired(look))
+            several.append(self._repaired_in_scene(look))
             if is_convincing(comparison, several[-1].take([0]), options):
                 break
         return self._distinct(several)
 
-    def _repaired(self, look: _Look) -> Candidates:
+    def _repaired_in_scene(self, look: _Look) -> Candidates:
         """Return the answers that repair makes of what a close look found, closely and then in the scene."""
         rounds = min(self.options.scene_search.rounds, self.repairing.rounds)
         short = replace(self.repairing, rounds=rounds, early_rounds=0)
-        repaired = look.closely._narrowly_repaired(look.closely.search, look.found, turn=True)
+        repaired = look.closely.repaired(look.found)
         solutions = repair(TreeSearch(look.focused), look.focused.scored(repaired)[0], short, turn=False)
         # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
         return self._distinct([look.best, priced(self.comparison, self.comparison.scored(solutions)[0])])
@@ -153,7 +153,7 @@ class SceneAnswerSearch(AnswerSearch):
         if focused is comparison or focused.searched.sum() < LEAST_POINTS:
             return None
         closely = self._closely(focused)
-        found = closely._found(seed, closely.search, leader)
+        found = closely.grown_beside(leader, seed)
         return _Look(focused, closely, found, best_priced(comparison, comparison.scored(found)[0]))
 
     def _closely(self, focused: ScanComparison) -> AnswerSearch:

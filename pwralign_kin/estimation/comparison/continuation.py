@@ -7,11 +7,11 @@ as well as surface that is truly there; but beyond its edges the scan goes on.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Indices, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.scan_comparison import Float, ScanComparison
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 
 STARTS, DIRECTIONS = 1000, 8
 """Scan points on the model, at most, that a step is taken from in every direction along the surface."""
@@ -68,7 +68,7 @@ def continued(comparison: ScanComparison, candidate: Candidates) -> float:
     return continued_beside(comparison, candidate, distance, cosine)
 
 
-def continued_beside(comparison: ScanComparison, candidate: Candidates, distances: Float, cosines: Float) -> float:
+def continued_beside(comparison: ScanComparison, candidate: Candidates, distances: Singles, cosines: Singles) -> float:
     """Return the same from how far the scan points are from the candidate's surface, and their normals from its.
 
     Steps are taken along the scan's surface from points on the model. Of those that leave the model, the share counts
@@ -96,7 +96,7 @@ def continued_beside(comparison: ScanComparison, candidate: Candidates, distance
     return float(follows.sum() / max(len(off), LEAST_STEPS))
 
 
-def _spread(points: NDArray[np.int64], areas: Float) -> NDArray[np.int64]:
+def _spread(points: Indices, areas: Singles) -> Indices:
     """Return at most `STARTS` of the points, spread evenly over the area that they stand for."""
     if len(points) == 0:
         return points

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import point_likelihoods
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.se3 import Array
-
-Ints = NDArray[np.int64]
 
 LESS, LESS_EACH = 8.0, 0.3
 """By how much the logarithm of the likelihood of a part's points must be less than that of as many usual ones, and by
 how much of each point on average, for the part to be off them."""
 
 
-def off_points(comparison: ScanComparison, answer: Candidates) -> tuple[Ints, Array]:
+def off_points(comparison: ScanComparison, answer: Candidates) -> tuple[Indices, Array]:
     """Return the parts whose points lie off them more than the points of others, the worst first, and by how much the
     logarithm of the likelihood of their points is less than that of as many usual ones."""
     likelihoods, part = point_likelihoods(comparison, answer)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Ints, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.comparison.search_options import BAND
-from pwralign_kin.estimation.sensing.observation import Float
 
 SAMPLING, ANYWHERE = 0.002, 0.02
 """Distance (model diagonals) that samples of the surface leave beside the noise, and density of points that are not on
@@ -35,15 +34,13 @@ def better_ranked(comparison: ScanComparison, before: Candidates, refined: Candi
     )
 
 
-def ranks(
-    comparison: ScanComparison, candidates: Candidates, likelihoods: NDArray[np.float32] | None = None
-) -> NDArray[np.float32]:
+def ranks(comparison: ScanComparison, candidates: Candidates, likelihoods: Singles | None = None) -> Singles:
     """Return the scores that `ranked` ranks by; their `finest` may be known."""
     both_ways = comparison.scored_both_ways(candidates, _tight(comparison, candidates))[0]
     return np.asarray(both_ways + (finest(comparison, candidates) if likelihoods is None else likelihoods), np.float32)
 
 
-def total_coverage(comparison: ScanComparison, candidates: Candidates) -> NDArray[np.float32]:
+def total_coverage(comparison: ScanComparison, candidates: Candidates) -> Singles:
     """Return the part of these scores that is coverage of the scan."""
     covered = comparison.scored_both_ways(candidates, _tight(comparison, candidates))[1]
     return np.asarray(comparison.coverage_scale * covered, np.float32)
@@ -58,7 +55,7 @@ def _tight(comparison: ScanComparison, candidates: Candidates) -> float:
     return 0.012 + 1.5 * min(blur, 0.012)
 
 
-def finest(comparison: ScanComparison, candidates: Candidates) -> NDArray[np.float32]:
+def finest(comparison: ScanComparison, candidates: Candidates) -> Singles:
     """Return the mean logarithm of the likelihood of the scan's points, each on the model but for noise, or anywhere.
 
     Where a small part is wrong, other surface often lies so near to its points that wider scores hardly see it.
@@ -73,14 +70,14 @@ def finest(comparison: ScanComparison, candidates: Candidates) -> NDArray[np.flo
     return np.asarray(_log_likelihoods(comparison, distances, distances[0]).mean(axis=1), np.float32)
 
 
-def point_likelihoods(comparison: ScanComparison, candidate: Candidates) -> tuple[Float, NDArray[np.int32]]:
+def point_likelihoods(comparison: ScanComparison, candidate: Candidates) -> tuple[Singles, Ints]:
     """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
     that it is nearest to."""
     distances, part = comparison.given_owners(candidate)
     return _log_likelihoods(comparison, distances, distances), part
 
 
-def _log_likelihoods(comparison: ScanComparison, distances: Float, of_best: Float) -> Float:
+def _log_likelihoods(comparison: ScanComparison, distances: Singles, of_best: Singles) -> Singles:
     # The noise counts, and what a bent scan leaves beside it.
     noise = math.hypot(max(comparison.observation.noise, comparison.residual_of(of_best)), SAMPLING)
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Bools, Ints, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.search_options import BAND, SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
@@ -20,8 +21,6 @@ from pwralign_kin.estimation.sensing.observation import ALL_SIDES, ONE_SIDE, Obs
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array, transform
 
-Float = NDArray[np.float32]
-Ints = NDArray[np.int32]
 Look = TypeVar("Look", bound=tuple[NDArray[Any], ...])
 
 FOCUS_PROBES = 60
@@ -56,7 +55,7 @@ class ScanComparison:
     """Compares configurations of one model with one observed scan. It never changes, but for what it remembers."""
 
     def __init__(
-        self, sought: Sought, observation: Observation, known: SearchPrior, searched: NDArray[np.bool_] | None = None
+        self, sought: Sought, observation: Observation, known: SearchPrior, searched: Bools | None = None
     ) -> None:
         """Take what is `sought`, and what is `known` of its base and joints.
 
@@ -151,11 +150,11 @@ class ScanComparison:
         """Return the same comparison by another prior of base and joints."""
         return ScanComparison(self.sought, self.observation, known, self._marked)
 
-    def with_options(self, options: SearchOptions, searched: NDArray[np.bool_]) -> ScanComparison:
+    def with_options(self, options: SearchOptions, searched: Bools) -> ScanComparison:
         """Return the same comparison by other options, with the `searched` points (m,) looked at alone."""
         return ScanComparison(replace(self.sought, options=options), self.observation, self.known, searched)
 
-    def poorly_supported(self, support: Float) -> NDArray[np.bool_]:
+    def poorly_supported(self, support: Singles) -> Bools:
         """Return which parts (parts,) the evidence speaks against, by the support of one candidate."""
         usual = float(np.median(support[self.exists]))
         return self.exists & (support < (CONTRADICTED if self.observation.single_view else WORSE * usual))
@@ -170,43 +169,43 @@ class ScanComparison:
         order = np.argsort(-self.areas * self.exists, kind="stable")
         return np.array([i for i in order[:count] if self.exists[i]], np.int32)
 
-    def scored(self, candidates: Candidates, points: int | None = None) -> tuple[Candidates, Float]:
+    def scored(self, candidates: Candidates, points: int | None = None) -> tuple[Candidates, Singles]:
         """Return the candidates with two-way scores, and the support (m, parts) of each part; by a sample of `points`
         about the model."""
         total, _, support = self._score(candidates, points)
         return Candidates(candidates.bases, candidates.values, total), support
 
-    def seen_shares(self, candidates: Candidates) -> Float:
+    def seen_shares(self, candidates: Candidates) -> Singles:
         """Return per part (m, parts) the share of its surface that should be seen and is."""
         return self._seen(self._score(candidates)[2])
 
-    def _seen(self, support: Float) -> Float:
+    def _seen(self, support: Singles) -> Singles:
         # Single views score only what is missing.
         return np.asarray(np.clip(1 + support if self.observation.single_view else support, 0, 1), np.float32)
 
-    def scored_both_ways(self, candidates: Candidates, tight: float) -> tuple[Float, Float]:
+    def scored_both_ways(self, candidates: Candidates, tight: float) -> tuple[Singles, Singles]:
         """Return the sum of coarse and tight score of each candidate, and that of the shares that it explains."""
         points = int(self.searched.sum())
         distances = (self.options.coverage_distance, tight)
         coarse, fine = self.native.score(candidates.bases, candidates.values, points, distances)
         return coarse[0] + fine[0], coarse[1] + fine[1]
 
-    def weighed(self, candidates: Candidates) -> tuple[Float, Float, Float]:
+    def weighed(self, candidates: Candidates) -> tuple[Singles, Singles, Singles]:
         """Return the two-way score of each candidate, the weighted share of the scan that it explains, and the
         `seen_shares` of its parts."""
         total, coverage, support = self._score(candidates)
         return total, coverage, self._seen(support)
 
-    def coverage(self, candidates: Candidates, points: int | None = None) -> Float:
+    def coverage(self, candidates: Candidates, points: int | None = None) -> Singles:
         """Return the weighted share of the scan that each candidate explains; by a sample of `points` about it."""
         return self._score(candidates, points)[1]
 
-    def _score(self, candidates: Candidates, points: int | None = None) -> tuple[Float, Float, Float]:
+    def _score(self, candidates: Candidates, points: int | None = None) -> tuple[Singles, Singles, Singles]:
         if points is None and len(candidates) == 1:
             return self._remembered("score", candidates, self.exists, lambda: self._scores(candidates, None))
         return self._scores(candidates, points)
 
-    def _scores(self, candidates: Candidates, points: int | None) -> tuple[Float, Float, Float]:
+    def _scores(self, candidates: Candidates, points: int | None) -> tuple[Singles, Singles, Singles]:
         points = self._spread(points) if points else int(self.searched.sum())
         return self.native.score(candidates.bases, candidates.values, points, [self.options.coverage_distance])[0]
 
@@ -222,7 +221,7 @@ class ScanComparison:
         iterations: int = 15,
         sigma: float = 0.03,
         support_weight: float = 0.5,
-        part_weights: Float | None = None,
+        part_weights: Singles | None = None,
     ) -> Candidates:
         """Return the candidates after batch Gauss-Newton from robust scale `sigma` down to the noise."""
         if part_weights is None:
@@ -238,7 +237,7 @@ class ScanComparison:
         self,
         candidate: Candidates,
         joints: Ints,
-        base_moves: NDArray[np.bool_],
+        base_moves: Bools,
         keep: int,
         with_joints: Ints | None = None,
     ) -> Candidates:
@@ -264,7 +263,7 @@ class ScanComparison:
         candidates: Candidates,
         rows: Ints,
         joints: Ints,
-        base_moves: NDArray[np.bool_],
+        base_moves: Bools,
         together: Ints,
         keep: int,
     ) -> Candidates:
@@ -305,37 +304,37 @@ class ScanComparison:
         support = self.scored(candidate)[1][0]
         return -float(support @ (self.weights * self.exists)) > self.options.contradicted
 
-    def passes(self, candidates: Candidates, point: Float) -> NDArray[np.bool_]:
+    def passes(self, candidates: Candidates, point: Singles) -> Bools:
         """Return which of the candidates (m,) have surface near `point` (1, 3)."""
         distances = self.distances(point, self.part_placements(candidates), self.exists, BAND)
         return np.asarray(distances[:, 0] < self.options.near)
 
-    def owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints]:
+    def owners(self, candidate: Candidates, parts: Bools) -> tuple[Singles, Ints]:
         """Return per scan point its distance (at most `BAND`) from one candidate's nearest of `parts`, and which."""
         return self._owners(candidate, parts)[:2]
 
-    def _owners(self, candidate: Candidates, parts: NDArray[np.bool_]) -> tuple[Float, Ints, Ints]:
-        def look() -> tuple[Float, Ints, Ints]:
+    def _owners(self, candidate: Candidates, parts: Bools) -> tuple[Singles, Ints, Ints]:
+        def look() -> tuple[Singles, Ints, Ints]:
             return self.native.owners(self.part_placements(candidate)[0], parts.astype(np.uint8), BAND)
 
         return self._remembered("owners", candidate, parts, look)
 
-    def lying(self, candidate: Candidates) -> tuple[Float, Ints, Float]:
+    def lying(self, candidate: Candidates) -> tuple[Singles, Ints, Singles]:
         """Return per scan point its distance (at most `BAND`) from one candidate's nearest part, which that is (-1:
         none), and the cosine between the point's normal and the model's there (0 for none)."""
         distance, part, sample = self._owners(candidate, self.exists)
         cosine = self.native.facing(self.observation.normals, self.part_placements(candidate)[0], part, sample)
         return distance, part, np.asarray(cosine)
 
-    def given_owners(self, candidate: Candidates) -> tuple[Float, Ints]:
+    def given_owners(self, candidate: Candidates) -> tuple[Singles, Ints]:
         """Return per given point its distance (at most `BAND`) from one candidate, and the nearest part (-1: none)."""
 
-        def look() -> tuple[Float, Ints]:
+        def look() -> tuple[Singles, Ints]:
             return self.assigned(self.observation.given, self.part_placements(candidate)[0], self.exists, BAND)
 
         return self._remembered("given", candidate, self.exists, look)
 
-    def _remembered(self, what: str, candidate: Candidates, parts: NDArray[np.bool_], look: Callable[[], Look]) -> Look:
+    def _remembered(self, what: str, candidate: Candidates, parts: Bools, look: Callable[[], Look]) -> Look:
         """Return what a `look` at one candidate finds; it is not to be written to."""
         key = (what, candidate.bases.tobytes(), candidate.values.tobytes(), parts.tobytes())
         if key not in self._looks:
@@ -372,13 +371,13 @@ class ScanComparison:
             inside += float(self.areas[part] * (rays @ observation.borders.T <= 0.0).all(axis=1).mean())
         return max(inside / float(self.areas[self.exists].sum()), LEAST_PICTURED)
 
-    def explained_shares(self, owners: Ints) -> Float:
+    def explained_shares(self, owners: Ints) -> Singles:
         """Return per part the scanned area that lies on it over the area of it that a scan usually shows."""
         area = self.observation.areas if self.observation.scene else self.observation.area_per_point
         own = np.bincount(owners[owners >= 0], (area * np.ones(len(owners)))[owners >= 0], len(self.exists))
         return np.asarray(own / np.maximum(self.areas * self._usual_share, 1e-9), np.float32)
 
-    def fair_shares(self, owners: Ints) -> Float:
+    def fair_shares(self, owners: Ints) -> Singles:
         """Return the `explained_shares`, at most 1; of what the median part has, where that is more than it should.
 
         Noise spreads the points of thin parts over more area than they have.
@@ -387,7 +386,7 @@ class ScanComparison:
         fair = max(1.0, float(np.median(shares[self.exists])))
         return np.asarray(np.minimum(shares / fair, 1.0), np.float32)
 
-    def lacking(self, shares: Float) -> NDArray[np.bool_]:
+    def lacking(self, shares: Singles) -> Bools:
         """Return which parts (parts,) explain too little of the scan, by their `fair_shares`.
 
         The measure is the average of all parts: a sparse scan shows less of every part.
@@ -395,7 +394,7 @@ class ScanComparison:
         average = float(shares @ self.weights) / float(self.weights[self.exists].sum())
         return self.exists & (shares <= self.options.lacking * average)
 
-    def lacks(self, candidate: Candidates) -> NDArray[np.bool_]:
+    def lacks(self, candidate: Candidates) -> Bools:
         """Return which parts (parts,) of one candidate explain too little of the scan."""
         return self.lacking(self.fair_shares(self.owners(candidate, self.exists)[1]))
 
@@ -403,7 +402,7 @@ class ScanComparison:
         """Return the robust standard deviation of the given points that lie on one candidate."""
         return self.residual_of(self.given_owners(candidate)[0])
 
-    def residual_of(self, distance: Float) -> float:
+    def residual_of(self, distance: Singles) -> float:
         """Return the robust standard deviation of points that lie on the model, by the distances of all."""
         near = distance[distance < self.reach]
         # The median of a half-normal distribution is 0.6745 standard deviations.
@@ -419,7 +418,7 @@ class ScanComparison:
         """Distance from the model beyond which noise does not explain a scan point that lies on it."""
         return 0.005 + 3.0 * self.observation.noise
 
-    def assigned(self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> tuple[Float, Ints]:
+    def assigned(self, points: Singles, placements: Array, parts: Bools, reach: float) -> tuple[Singles, Ints]:
         """Return per point its distance (at most `reach`) from the nearest of `parts` placed (parts, 4, 4), and which;
         -1 for none."""
         mask = parts.astype(np.uint8)
@@ -427,8 +426,8 @@ class ScanComparison:
         return np.asarray(distance), np.asarray(part)
 
     def distances(
-        self, points: Float, placements: Array, parts: NDArray[np.bool_], reach: float, *, loosely: bool = False
-    ) -> Float:
+        self, points: Singles, placements: Array, parts: Bools, reach: float, *, loosely: bool = False
+    ) -> Singles:
         """Return (m, n) the distances (at most `reach`) of points (n, 3) from the nearest of `parts`, for each of
         several sets of placements (m, parts, 4, 4).
 
@@ -438,7 +437,7 @@ class ScanComparison:
         flat = np.ascontiguousarray(placements).reshape(-1, 4, 4)
         return np.asarray(self.native.distances(points, flat, parts.astype(np.uint8), reach, loosely))
 
-    def facing(self, points: Float, normals: Float, placements: Array, parts: NDArray[np.bool_], reach: float) -> Float:
+    def facing(self, points: Singles, normals: Singles, placements: Array, parts: Bools, reach: float) -> Singles:
         """Return per point (n, 3) the cosine between its normal and that of the nearest of `parts` placed
         (parts, 4, 4) within `reach`; 0 for none."""
         _, owner, sample = self.native.assign(points, placements, parts.astype(np.uint8), reach)

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Indices, Ints
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.scan_comparison import Ints
 from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
@@ -98,7 +97,7 @@ def profiled(solver: JointLeastSquares, base: Array, values: Array, joint: int, 
 
 
 def _cost(
-    solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: NDArray[np.bool_], now: int, errors: Errors
+    solver: JointLeastSquares, T: Array, owner: Ints, placed: Array, moves: Bools, now: int, errors: Errors
 ) -> Array:
     """Return the negative log-likelihood (m,) of the points on the parts that move, when all are `placed`, over that of
     the value that the joint has `now`; of few points where these speak against a value by more than `NO_RIVAL`.
@@ -127,7 +126,7 @@ def _cost(
     return cost
 
 
-def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int]:
+def _modes(cost: Array, steps: Indices, count: int | None) -> list[int]:
     """Return the index of the least cost, and those of the least others that are least among their neighbours."""
     left = np.pad(cost, 1, mode="wrap") if count is not None else np.pad(cost, 1, constant_values=np.inf)
     least = (cost <= left[:-2]) & (cost <= left[2:])
@@ -142,13 +141,13 @@ def _modes(cost: Array, steps: NDArray[np.int64], count: int | None) -> list[int
     return modes
 
 
-def _away(steps: NDArray[np.int64], index: int, count: int | None) -> NDArray[np.int64]:
+def _away(steps: Indices, index: int, count: int | None) -> Indices:
     """Return how many steps all values are from one, where `count` of them may be a full turn."""
-    away: NDArray[np.int64] = np.abs(steps - steps[index])
+    away: Indices = np.abs(steps - steps[index])
     return away if count is None else np.minimum(away, count - away)
 
 
-def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, NDArray[np.int64]]:
+def _tried(solver: JointLeastSquares, values: Array, joint: int) -> tuple[Array, Indices]:
     """Return values of a joint (m,) within its limits, and how many probe motions they are from the one it has."""
     step = PROBE_SLIDE if solver.model.prismatic[joint] else PROBE_TURN
     if solver.model.continuous[joint]:

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.checked_options import CheckedOptions, Count, Positive
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.estimation.sensing.observation import Observation
@@ -20,7 +20,8 @@ from pwralign_kin.read_only import ReadOnly
 from pwralign_kin.scan.readers import member, numpy_content
 from pwralign_kin.se3 import Array, inverse, transform
 
-Float = NDArray[np.float32]
+ASTRAY = 0.05
+"""Distance (model diagonals) of a pair's points from the model or the prepared scan from which it says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class FpfhMatcher(CheckedOptions):
         return Correspondences(np.concatenate(sources), np.concatenate(targets), np.concatenate(weights))
 
 
-def fpfh(points: Float | Array, normals: Float | Array, radius: float) -> Array:
+def fpfh(points: Singles | Array, normals: Singles | Array, radius: float) -> Array:
     """Return the fast point feature histograms (n, 33) of points (n, 3) with normals (n, 3), by those within `radius`.
 
     Raises `DependencyError` without Open3D.
@@ -132,11 +133,11 @@ class OrientedPairs:
     """The correspondences of one part, as the kernels take them: search units, source in the part frame."""
 
     part: int
-    source: Float
-    source_normals: Float
-    target: Float
-    target_normals: Float
-    weight: Float
+    source: Singles
+    source_normals: Singles
+    target: Singles
+    target_normals: Singles
+    weight: Singles
 
 
 def oriented_pairs(
@@ -163,7 +164,7 @@ def oriented_pairs(
     owner = np.argmin(distances, axis=0)
     target = observation.scaled(correspondences.target)
     scan_distance, scan_index = cKDTree(observation.points).query(target)
-    near = (np.min(distances, axis=0) < 0.05) & (scan_distance < 0.05) & (correspondences.weight > 0)
+    near = (np.min(distances, axis=0) < ASTRAY) & (scan_distance < ASTRAY) & (correspondences.weight > 0)
     if near.sum() < 2:
         raise CorrespondenceError(
             "correspondences",

@@ -33,6 +33,10 @@ REGION_STD = 0.005
 """How sharp the faces of a region are (model diagonals)."""
 NEAR_TURN, NEAR_DISTANCE = 0.35, 0.15
 """A base known to these standard deviations (rad, model diagonals) is near enough to grow the model from."""
+SURE_TURN, SURE_DISTANCE = 0.03, 0.01
+"""A base known to no more than these (rad, model diagonals) is grown from as it is, others from bases ..."""
+ASIDE = 1.5
+"""... so many standard deviations aside as well."""
 
 
 @dataclass(frozen=True)
@@ -158,19 +162,19 @@ class SearchPrior:
         )
 
     def bases(self) -> Array:
-        """Return the known base and, where it is uncertain, bases about one and a half deviations away (m, 4, 4)."""
+        """Return the known base and, where it is uncertain, bases `ASIDE` of it (m, 4, 4)."""
         if self.placement is None:
             return np.zeros((0, 4, 4))
         out = [self.placement]
         for axis in np.eye(3):
-            for sign in (-1.5, 1.5):
-                if self.translation_std > 0.01:
+            for deviations in (-ASIDE, ASIDE):
+                if self.translation_std > SURE_DISTANCE:
                     moved = self.placement.copy()
-                    moved[:3, 3] += sign * self.translation_std * axis
+                    moved[:3, 3] += deviations * self.translation_std * axis
                     out.append(moved)
-                if self.rotation_std is not None and self.rotation_std > 0.03:
+                if self.rotation_std is not None and self.rotation_std > SURE_TURN:
                     turned = self.placement.copy()
-                    turned[:3, :3] = rotation_about(axis, sign * self.rotation_std) @ turned[:3, :3]
+                    turned[:3, :3] = rotation_about(axis, deviations * self.rotation_std) @ turned[:3, :3]
                     out.append(turned)
         return np.array(out)
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, bounded_step, normal_matrix
-from pwralign_kin.estimation.sensing.observation import Float
 from pwralign_kin.se3 import Array
 
 MOST_POINTS, FEW_POINTS = 5000, 800
@@ -54,7 +54,9 @@ def log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
     return np.array([_log_likelihood(solver, _Look(solver, points, *answer), noise) for answer in settled])
 
 
-def _settled(solver: JointLeastSquares, points: Float, base: Array, values: Array, noise: float) -> tuple[Array, Array]:
+def _settled(
+    solver: JointLeastSquares, points: Singles, base: Array, values: Array, noise: float
+) -> tuple[Array, Array]:
     """Return the configuration near to one that these points make the most likely."""
     for _ in range(STEPS):
         step, _, gain = _Look(solver, points, base, values).step(solver, noise)
@@ -75,7 +77,7 @@ def _log_likelihood(solver: JointLeastSquares, look: _Look, noise: float) -> flo
 class _Look:
     """One configuration held against points."""
 
-    def __init__(self, solver: JointLeastSquares, points: Float, base: Array, values: Array) -> None:
+    def __init__(self, solver: JointLeastSquares, points: Singles, base: Array, values: Array) -> None:
         self.base, self.values = base, values
         placements, self.twists = solver.part_twists(base, values)
         closest, self.part = kernels.closest_on_meshes(
@@ -106,7 +108,7 @@ class _Look:
         return step, float(np.log(normal + ANYTHING).sum()), gain
 
 
-def _points_near(solver: JointLeastSquares, answer: Candidates) -> Float:
+def _points_near(solver: JointLeastSquares, answer: Candidates) -> Singles:
     """Return scan points (n, 3) near to an answer, as given by the sensor."""
     comparison = solver.comparison
     raw = comparison.observation.raw

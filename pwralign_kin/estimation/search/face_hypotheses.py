@@ -10,8 +10,8 @@ from itertools import product
 
 import numpy as np
 
+from pwralign_kin.arrays import Ints
 from pwralign_kin.checked_options import CheckedOptions, Count, NotNegative, Positive, Share
-from pwralign_kin.estimation.comparison.scan_comparison import Ints
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation

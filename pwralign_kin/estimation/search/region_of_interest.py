@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pwralign_kin.estimation.comparison.scan_comparison import Float, ScanComparison
+from pwralign_kin.arrays import Bools, Ints, Singles
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.se3 import Array, transform
 
 
@@ -24,7 +24,7 @@ class Ball:
     centre: Array
     radius: float
 
-    def holds(self, points: Float | Array, margin: float) -> NDArray[np.bool_]:
+    def holds(self, points: Singles | Array, margin: float) -> Bools:
         """Return which of the points (n, 3) are inside, or no farther outside than `margin`."""
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) < self.radius + margin, bool)
 
@@ -43,7 +43,7 @@ def region_of_interest(comparison: ScanComparison, placements: Array, way: Seque
     return Ball(origins[-1], reach + links + float(comparison.model.travel[joints].sum()))
 
 
-def path_between(parent: NDArray[np.int32], part: int, goal: int) -> list[int]:
+def path_between(parent: Ints, part: int, goal: int) -> list[int]:
     """Return the parts from `part` to `goal` through the tree."""
     above = [goal]
     while above[-1] > 0:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Ints, Singles
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
@@ -19,13 +19,18 @@ from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, rotation_about
 
-Bool = NDArray[np.bool_]
-
 THIN = (0.01, 0.1)
 """Thickness (model diagonals) of a part that may be taken for seen from its other side and lie beside its place by it;
 less is refined away."""
 FACING = 0.9
 """Cosine of the angle to a thin part's shortest axis from which on its surface is one of its two sides."""
+ALL_NEAR, OUTWARD = 14, 10
+"""Parts of a model up to which every joint is cut where points are unexplained, and up to which what is further in is
+grown anew from every part, not from those alone that large limbs begin with."""
+ROOTS = 4
+"""Best supported parts, from which the whole model is grown anew."""
+HOPEFUL_TURN = 0.6
+"""Share of its score from which on a part that was turned over is grown from."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,7 @@ def repair_moves(
     placements = comparison.part_placements(solution)[0]
     if bad.any() or missing:
         moves += _regrown(search, solution, _Faults(support, bad, missing), options)
-        best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:4]
+        best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:ROOTS]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
     if (foremost and (missing or search.observation.scene)) or (
@@ -168,7 +173,7 @@ def repair_moves(
     return Candidates.concatenate(moves) if moves else None
 
 
-def _subtrees(comparison: ScanComparison) -> Bool:
+def _subtrees(comparison: ScanComparison) -> Bools:
     """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
     count = len(comparison.exists)
     below = np.eye(count, dtype=bool)
@@ -181,9 +186,9 @@ def _subtrees(comparison: ScanComparison) -> Bool:
 class _Faults:
     """What speaks against a solution."""
 
-    support: NDArray[np.float32]
+    support: Singles
     """(parts,)"""
-    bad: Bool
+    bad: Bools
     """(parts,) which parts the evidence speaks against."""
     missing: bool
     """Whether the scan holds points far from the model."""
@@ -197,7 +202,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
     usual = float(np.median(support[exists]))
     below = _subtrees(comparison)
     near = bad | comparison.lacks(solution) if missing else bad.copy()
-    if missing and count <= 14:
+    if missing and count <= ALL_NEAR:
         near[:] = True
     else:
         # A part is often bad because an ancestor is slightly wrong.
@@ -213,7 +218,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
             outward = following == i
             if outward and not near[i]:
                 continue
-            if not outward and count > 10 and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
+            if not outward and count > OUTWARD and not (is_limb[i] and support[i] > usual and bad[parent[i]]):
                 continue
             if not (exists & side).any() or not (exists & ~side).any() or not (bad | missing)[side].any():
                 continue
@@ -239,7 +244,7 @@ def _swept(comparison: ScanComparison, solution: Candidates, held_limbs: int) ->
     return comparison.swept(solution, joint, base_moves, 3, with_joint)
 
 
-def _among_largest(comparison: ScanComparison, count: int) -> Bool:
+def _among_largest(comparison: ScanComparison, count: int) -> Bools:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
     surface = _subtrees(comparison) @ (comparison.weights * comparison.exists)
     hanging = np.zeros(len(comparison.known.values))
@@ -249,7 +254,7 @@ def _among_largest(comparison: ScanComparison, count: int) -> Bool:
     return chosen
 
 
-def _compound_joints(comparison: ScanComparison, lacking: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _compound_joints(comparison: ScanComparison, lacking: Bools) -> tuple[Ints, Ints]:
     """Return pairs of actuated joints, inner and outer, between which no surface tells where to turn.
 
     The part between them has none, or explains too little, as does the part beyond: both are `lacking`.
@@ -262,7 +267,7 @@ def _compound_joints(comparison: ScanComparison, lacking: Bool) -> tuple[NDArray
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
-def _placed(parts: NDArray[np.int32], placements: Array) -> Hypotheses:
+def _placed(parts: Ints, placements: Array) -> Hypotheses:
     return Hypotheses(np.ascontiguousarray(parts), np.ascontiguousarray(placements), np.zeros(len(parts), np.float32))
 
 
@@ -290,7 +295,7 @@ def _turned(search: TreeSearch, placements: Array, options: RepairOptions) -> li
             for i, a, b in zip(part, after.placements, before.placements, strict=True)
         ]
     )
-    good = np.flatnonzero((after.scores > 0.6 * before.scores) & (moved > search.options.distinct))
+    good = np.flatnonzero((after.scores > HOPEFUL_TURN * before.scores) & (moved > search.options.distinct))
     if len(good) == 0:
         return []
     after = after.take(good)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.checked_options import (
     LARGEST_COUNT,
     CheckedOptions,
@@ -22,7 +23,6 @@ from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions, face_hypotheses
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import Float
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class RegionSearch:
         self,
         search: TreeSearch,
         options: SceneSearchOptions,
-        near: Float | None,
+        near: Singles | None,
         *,
         pairs: bool,
         faces: FaceOptions | None,

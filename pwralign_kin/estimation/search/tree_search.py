@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Indices, Ints, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.scan_comparison import Float, Ints, ScanComparison
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.knowledge.correspondences import OrientedPairs
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.se3 import Array
@@ -68,7 +69,7 @@ class TreeSearch:
         )  # fmt: skip
 
     def part_hypotheses(
-        self, parts: Ints, points: Sequence[NDArray[np.int64]], anchors: int, seed: int, count: int, weights: Float
+        self, parts: Ints, points: Sequence[Indices], anchors: int, seed: int, count: int, weights: Singles
     ) -> Hypotheses:
         """Return at most `count` poses of each of `parts` from oriented pairs of the scan points it is looked for in.
 
@@ -194,7 +195,7 @@ class TreeSearch:
         return self.comparison.native.distinct_parts(hypotheses.parts, hypotheses.placements, count, apart)
 
 
-def halved(points: Float, chosen: NDArray[np.int64], times: int) -> list[NDArray[np.int64]]:
+def halved(points: Singles, chosen: Indices, times: int) -> list[Indices]:
     """Return the `chosen` of some points (n, 3) in two to the power of `times` compact pieces of equal size."""
     if times == 0:
         return [chosen]

@@ -11,18 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Indices, Ints
 from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNegative, Share
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.off_points import Ints
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, transform
-
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ def voted(
     seed: int,
     *,
     doubting: bool,
-    off: Ints | None = None,
+    off: Indices | None = None,
 ) -> Candidates | None:
     """Return configurations that bring the parts `solution` has wrong to its unexplained points; None if none.
 
@@ -117,7 +114,7 @@ def voted(
     return reached if len(reached) else None
 
 
-def _ends(comparison: ScanComparison, right: Bool, wrong: Bool) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _ends(comparison: ScanComparison, right: Bools, wrong: Bools) -> tuple[Ints, Ints]:
     """Return pairs of parts that are right, inner and outer, with one that is wrong on the way between them: three
     joints in a row have two ways to hold what is beyond them."""
     pairs = []
@@ -133,7 +130,7 @@ def _ends(comparison: ScanComparison, right: Bool, wrong: Bool) -> tuple[NDArray
 
 
 def _regions(
-    comparison: ScanComparison, placements: Array, way: Sequence[int], right: NDArray[np.bool_], most: int
+    comparison: ScanComparison, placements: Array, way: Sequence[int], right: Bools, most: int
 ) -> dict[int, Ball]:
     """Return where a part can be when it is reached from parts that are `right` (parts,), `most` at the most and
     nearest first, on its `way` to the best explained one; `placements` (parts, 4, 4) are those of all parts."""
@@ -141,7 +138,7 @@ def _regions(
     return {anchor: region_of_interest(comparison, placements, way[: way.index(anchor) + 1]) for anchor in anchors}
 
 
-def _about(comparison: ScanComparison, explained: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+def _about(comparison: ScanComparison, explained: Bools, reach: float) -> Bools:
     """Return which points (m,) of a scene are searched and near to explained ones."""
     from scipy.spatial import cKDTree
 

@@ -6,21 +6,21 @@ stated. `Observation.to_scan` and `to_search` convert placements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Bools, Indices, Ints, Singles
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Share
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
 
-Float = NDArray[np.float32]
-
-NO_BORDERS: Float = np.zeros((0, 3), np.float32)
+NO_BORDERS: Singles = np.zeros((0, 3), np.float32)
 
 NEIGHBOURHOODS = 1000
 """Points about which noise is measured."""
@@ -97,21 +97,21 @@ class ObservationOptions(CheckedOptions):
 class Observation:
     """A prepared scan."""
 
-    points: Float
+    points: Singles
     """(m, 3) downsampled points."""
-    normals: Float
+    normals: Singles
     """(m, 3) unit normals, towards the sensor or the open side."""
-    raw: Float
+    raw: Singles
     """(n, 3) all points, without wide planes; at most `ObservationOptions.most_raw`."""
-    given: Float
+    given: Singles
     """(r, 3) points as given, `ObservationOptions.given_per_cell` a cell: noisy, but not displaced by any smoothing."""
-    given_normals: Float
+    given_normals: Singles
     """(r, 3) normals of the nearest prepared points."""
-    weights: Float
+    weights: Singles
     """(m,) how much each point speaks for a part that lies on it: 1, and less for known surroundings."""
-    areas: Float
+    areas: Singles
     """(m,) surface that each point stands for, relative to the others'."""
-    regions: NDArray[np.int32]
+    regions: Ints
     """(m,) the region of a scene that each point belongs to, -1 for known surroundings; otherwise all 0."""
     scene: bool
     """Whether the scan is mostly of other things than the model."""
@@ -121,15 +121,15 @@ class Observation:
     """Standard deviation of the given points from their local planes."""
     depth_pixel: float
     """Pixel of the depth image, at the mean range of what was seen."""
-    sensor_origin: Float | None
+    sensor_origin: Singles | None
     """(3,) where the whole scan was seen from one place, else None."""
-    field: Any
-    """`kernels.ScanField`."""
+    field: kernels.ScanField
+    """Distances to what was seen, and what is free and hidden."""
     centre: Array
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
-    borders: Float = field(default_factory=lambda: NO_BORDERS)
+    borders: Singles = dataclasses.field(default_factory=lambda: NO_BORDERS)
     """(b, 3) outward unit normals of planes through the sensor beyond which it looked at nothing."""
     cut_out: bool = False
     """Whether it is what lies near one answer to a scene: other things may be among it."""
@@ -156,7 +156,7 @@ class Observation:
         out[..., :3, 3] = out[..., :3, 3] * self.diagonal + self.centre
         return out
 
-    def scaled(self, points: Array) -> Float:
+    def scaled(self, points: Array) -> Singles:
         """Convert points (n, 3) of the scan frame (m) to the search's frame."""
         return np.ascontiguousarray((points - self.centre) / self.diagonal, np.float32)
 
@@ -166,8 +166,8 @@ def observe(
     diagonal: float,
     options: ObservationOptions,
     threads: int,
-    turned: NDArray[np.bool_] | None = None,
-    borders: Float | None = None,
+    turned: Bools | None = None,
+    borders: Singles | None = None,
 ) -> Observation:
     """Prepare `scan` for a model of the given `diagonal` (m). Raises `ScanError` when too little is left.
 
@@ -274,8 +274,8 @@ def medians(values: NDArray[Any]) -> Array:
 
 
 def normals_of(
-    points: Float, noise: float, spacing: float, options: ObservationOptions, threads: int
-) -> tuple[Float, float]:
+    points: Singles, noise: float, spacing: float, options: ObservationOptions, threads: int
+) -> tuple[Singles, float]:
     """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing; and how far
     apart scan lines are, where a spinning sensor leaves many points' spacings between them, else 0."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
@@ -293,7 +293,7 @@ def normals_of(
     return np.asarray(normals), gap
 
 
-def _on_line(variances: Float, neighbours: NDArray[np.int32], noise: float) -> NDArray[np.bool_]:
+def _on_line(variances: Singles, neighbours: Ints, noise: float) -> Bools:
     """Return which neighbourhoods with these `variances` (n, 3) are of one scan line, which noise widens; few points
     always lie on some line."""
     return np.asarray((neighbours >= LINE_POINTS) & (variances[:, 1] - noise**2 < ON_LINE * variances[:, 2]))
@@ -305,7 +305,7 @@ def depth_pixel(gap: float, options: ObservationOptions) -> float:
     return max(options.depth_pixel, LINE_PIXEL * gap)
 
 
-def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions) -> tuple[Float, NDArray[np.int32]]:
+def _cells(scan: Scan, raw: Singles, diagonal: float, options: ObservationOptions) -> tuple[Singles, Ints]:
     """Return the mean of each cell of the downsampling, and the cell of each point.
 
     Raises `ScanError` for a scan far smaller or far larger than the model (`UnitError` if it is in millimetres).
@@ -330,7 +330,7 @@ def _cells(scan: Scan, raw: Float, diagonal: float, options: ObservationOptions)
     return means, cell
 
 
-def at_most(points: Float, most: int) -> Float:
+def at_most(points: Singles, most: int) -> Singles:
     """Return a fair sample of the points, in their order: of given points, neighbours stay next to each other."""
     if len(points) <= most:
         return points
@@ -339,8 +339,8 @@ def at_most(points: Float, most: int) -> Float:
 
 
 def as_given(
-    raw: Float, cell: NDArray[np.int32], field: Any, normals: Float, options: ObservationOptions
-) -> tuple[Float, Float]:
+    raw: Singles, cell: Ints, field: kernels.ScanField, normals: Singles, options: ObservationOptions
+) -> tuple[Singles, Singles]:
     """Return raw points, few of each `cell`, with the `normals` of the prepared points that `field` finds near.
 
     Every bit of surface then counts alike, however near it was to the sensor. Strays and mixed pixels have no prepared
@@ -355,7 +355,7 @@ def as_given(
     return np.ascontiguousarray(given[near]), np.ascontiguousarray(normals[nearest[near]])
 
 
-def was_prepared(observation: Observation, points: Array, options: ObservationOptions) -> NDArray[np.bool_]:
+def was_prepared(observation: Observation, points: Array, options: ObservationOptions) -> Bools:
     """Return which points (n, 3) of the scan (m) have a prepared point near: strays and a removed plane have none."""
     return np.asarray(observation.field.nearest(observation.scaled(points), _nearby(options)) >= 0)
 
@@ -365,7 +365,7 @@ def _nearby(options: ObservationOptions) -> float:
     return 2 * options.voxel
 
 
-def noise_of(points: Float, threads: int) -> float:
+def noise_of(points: Singles, threads: int) -> float:
     """Return the standard deviation of the points about the surface they were taken from.
 
     The scatter about planes through the k nearest neighbours is that of the noise, and of the surface's curvature,
@@ -389,7 +389,7 @@ def noise_of(points: Float, threads: int) -> float:
         points = at_most(points, len(points) // 2)
 
 
-def _without_curvature(counts: NDArray[np.int64], across: Array, power: int) -> float:
+def _without_curvature(counts: Indices, across: Array, power: int) -> float:
     """Return the standard deviation that variances across planes or lines through `counts` neighbours tend to at none,
     as curvature grows with a `power` of the counts."""
     # A line by least squares, each variance known to the same relative accuracy.
@@ -399,7 +399,7 @@ def _without_curvature(counts: NDArray[np.int64], across: Array, power: int) -> 
     return float(np.sqrt(max(apart.sum() / (apart @ constant), 0.0)))
 
 
-def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads: int) -> tuple[Array, Array, float]:
+def _variances(points: Singles, chosen: Singles, counts: Indices, threads: int) -> tuple[Array, Array, float]:
     """Return per count of neighbours the median variances across and along planes through so many about `chosen`, and
     the median share of the latter, of the fewest, in the variance at right angles to both."""
     variances = kernels.neighbourhood_variances(points, chosen, counts.tolist(), threads)
@@ -409,7 +409,7 @@ def _variances(points: Float, chosen: Float, counts: NDArray[np.int64], threads:
     return thin / (1 - 2 / (9 * (counts - 3))) ** 3, wide, slender
 
 
-def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
+def common_origin(scan: Scan, centre: Array, diagonal: float) -> Singles | None:
     """Return the sensor origin in search units if all points share it."""
     origin = scan.sensor_origin
     if origin is None:
@@ -420,7 +420,7 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Float | None:
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
 
-def origins_of(points: Float, scan: Scan, centre: Array, diagonal: float, threads: int) -> Float | Array | None:
+def origins_of(points: Singles, scan: Scan, centre: Array, diagonal: float, threads: int) -> Singles | Array | None:
     """Return where prepared points were seen from, in search units: (3,) if all of the scan was from one place, else of
     each (n, 3) where the given point nearest to it was; None where that is unknown."""
     origin = common_origin(scan, centre, diagonal)
@@ -431,14 +431,14 @@ def origins_of(points: Float, scan: Scan, centre: Array, diagonal: float, thread
     return np.asarray((np.asarray(scan.sensor_origin)[near] - centre) / diagonal)
 
 
-def _without_plane(points: Float, centre: Float, normal: Float, distance: float) -> Float:
+def _without_plane(points: Singles, centre: Singles, normal: Singles, distance: float) -> Singles:
     """Remove what is no farther than `distance` from a plane."""
     return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > distance])
 
 
 def wide_plane(
-    points: Float, options: ObservationOptions, least_spread: float, threads: int
-) -> tuple[Float, Float] | None:
+    points: Singles, options: ObservationOptions, least_spread: float, threads: int
+) -> tuple[Singles, Singles] | None:
     """Return centre and normal of the dominant plane, if it holds enough of the points and is wide enough.
 
     It is if their standard deviation is `least_spread` along both of its directions.
@@ -458,7 +458,7 @@ def wide_plane(
     return (centre, axes[2]) if singular[1] / np.sqrt(len(on_plane)) >= least_spread else None
 
 
-def facing(points: Float, normals: Float, origin: Float, options: ObservationOptions) -> NDArray[np.bool_]:
+def facing(points: Singles, normals: Singles, origin: Singles, options: ObservationOptions) -> Bools:
     """Return which points face the sensor; the others are mostly mixed pixels between an edge and what lies behind.
 
     If it seems to be most of them, the scan is too sparse for normals, and all are kept.
@@ -469,12 +469,12 @@ def facing(points: Float, normals: Float, origin: Float, options: ObservationOpt
     return np.asarray(faced | (faced.mean() < LEAST_FACING))
 
 
-def sixth_neighbour(points: Float, threads: int) -> Float:
+def sixth_neighbour(points: Singles, threads: int) -> Singles:
     """Return the distance of each point to its sixth neighbour, or the farthest of fewer."""
     return np.asarray(kernels.nearest_neighbours(points, points, 7, threads)[0][:, -1])
 
 
-def _without_strays(points: Float, options: ObservationOptions, threads: int) -> tuple[Float, float]:
+def _without_strays(points: Singles, options: ObservationOptions, threads: int) -> tuple[Singles, float]:
     """Return the points that have neighbours, and the median distance to the sixth."""
     if len(points) < 8:
         return points, options.voxel
@@ -486,8 +486,8 @@ def _without_strays(points: Float, options: ObservationOptions, threads: int) ->
 
 
 def oriented_normals(
-    points: Float, normals: Float, origins: Float | Array | None, spacing: float, threads: int
-) -> Float:
+    points: Singles, normals: Singles, origins: Singles | Array | None, spacing: float, threads: int
+) -> Singles:
     """Turn normals towards the sensor origins, (3,) or one a point (n, 3), or without any towards the open side."""
     if origins is None:
         cell = max(0.025, 0.9 * spacing)

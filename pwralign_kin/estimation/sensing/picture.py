@@ -7,15 +7,13 @@ row of them that ends what was seen, whose depths are those of no straight edge 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.sensing.observation import NO_BORDERS, Observation
 from pwralign_kin.scan import Scan
 from pwralign_kin.scan.scan import DepthCamera
-from pwralign_kin.se3 import Array
-
-Float = NDArray[np.float32]
+from pwralign_kin.se3 import Array, axes_across
 
 TOUCHED = 1.5
 """Pixels from the border of a depth image within which a point is at it."""
@@ -39,7 +37,7 @@ ROUNDS, AROUND = 3, 4.0
 """How often a line is drawn anew through the points on it, of those within so many pixels of the first."""
 
 
-def borders_of(scan: Scan, observation: Observation, threads: int) -> Float:
+def borders_of(scan: Scan, observation: Observation, threads: int) -> Singles:
     """Return the outward unit normals (b, 3) of the planes through the sensor at which the picture of a view ends and
     cuts what was seen."""
     assert observation.sensor_origin is not None
@@ -51,7 +49,7 @@ def borders_of(scan: Scan, observation: Observation, threads: int) -> Float:
     depth = rays @ middle
     if len(rays) < LEAST_BINS or (depth <= WIDEST * np.linalg.norm(rays, axis=1)).any():
         return NO_BORDERS
-    axes = _across(middle)
+    axes = axes_across(middle)
     image = rays @ axes.T / depth[:, None]
     pixel = _pixel(image, threads)
     scale = float(np.median(depth))
@@ -69,7 +67,7 @@ def borders_of(scan: Scan, observation: Observation, threads: int) -> Float:
     return np.array(found, np.float32).reshape(-1, 3)
 
 
-def _touched_borders(camera: DepthCamera, rays: Array) -> Float:
+def _touched_borders(camera: DepthCamera, rays: Array) -> Singles:
     (fx, skew, cx), (_, fy, cy), _ = camera.intrinsics
     left, right, top, bottom = -0.5, camera.width - 0.5, -0.5, camera.height - 0.5
     normals = np.array(
@@ -85,13 +83,6 @@ def _touched_borders(camera: DepthCamera, rays: Array) -> Float:
     touched = (pixels > -TOUCHED).sum(axis=0) >= BIN * LEAST_BINS
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.ascontiguousarray(normals[touched], np.float32)
-
-
-def _across(forward: Array) -> Array:
-    """Return two unit vectors (2, 3) across a direction and each other."""
-    right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right)])
 
 
 def _pixel(image: Array, threads: int) -> float:

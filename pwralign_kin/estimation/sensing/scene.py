@@ -11,18 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Bools, Indices, Ints, Singles
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, Natural, NotNegative, Positive, Share, Threshold
 from pwralign_kin.estimation.sensing import observation as preparation
-from pwralign_kin.estimation.sensing.observation import ONE_SIDE, Float, Observation, ObservationOptions
+from pwralign_kin.estimation.sensing.observation import ONE_SIDE, Observation, ObservationOptions
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model.surface import Surface, total_area
 from pwralign_kin.scan import Scan, check_units
 from pwralign_kin.se3 import Array
-
-Bools = NDArray[np.bool_]
 
 MOST_EXTENT = 200.0
 """Model diagonals beyond which a scene is not looked at."""
@@ -32,7 +30,18 @@ RAY_PIXEL, RAYS = 0.75, 2000
 """Least size of the pixels of a scene's depth image, as a share of the distance of a ray to the sixth next, told about
 so many: between sparse rays there would be pixels that none came back from."""
 LEAST_ON_PLANE = 30
-"""Points that a plane holds at least."""
+"""Points that a plane holds at least, ..."""
+LEAST_LEFT = 0.02
+"""... and share of the points drawn that are not on a plane yet, from which on another is looked for."""
+SEEDED_ALONG, FITTED_ALONG, HELD_ALONG = 0.9, 0.85, 0.8
+"""Cosine of the angle between the normals of a point and of the plane that it lies on: when one of its points stands
+for the plane, when it is fitted, and when what it holds is taken for background, ..."""
+CLOSE, LOOSE = 0.7, 1.5
+"""... where points nearer than this share of the tolerance are held whatever their normals, and so far off are held."""
+LEAST_ON_PIECE = 20
+"""Points that a piece of a plane holds at least."""
+LESS_WIDE, LONG = 0.6, 3.0
+"""A piece that spreads at least this share of what is wide is wide too, if it spreads so many times it lengthwise."""
 
 
 @dataclass(frozen=True)
@@ -200,17 +209,17 @@ class _Cells:
     """(3,) in the scan frame, m."""
     diagonal: float
     """The unit of length, m."""
-    origin: Float | None
+    origin: Singles | None
     """(3,) where the scene was seen from, else None."""
-    raw: Float
+    raw: Singles
     """(n, 3) all points of the scan."""
-    of_point: NDArray[np.int32]
+    of_point: Ints
     """(n,) the cell that each of them lies in."""
-    points: Float
+    points: Singles
     """(c, 3) their means in each cell."""
-    spacing: Float
+    spacing: Singles
     """(c,) distance to the sixth neighbour."""
-    areas: Float
+    areas: Singles
     """(c,) surface that each cell stands for."""
 
     @classmethod
@@ -238,7 +247,7 @@ def _background(cells: _Cells, setup: SceneSetup) -> Bools:
     return _wide_planes(cloud, least, options)
 
 
-def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: SceneSetup) -> Observation:
+def _observed(cells: _Cells, region: Indices, planes: Bools, setup: SceneSetup) -> Observation:
     """Give what is searched, by the `region` (c,) of each cell, and what lies near it their normals and their field."""
     preparing, options, threads = setup.preparing, setup.options, setup.threads
     kept = np.flatnonzero(_surroundings(cells.points, region >= 0, options.margin))
@@ -288,20 +297,20 @@ def _observed(cells: _Cells, region: NDArray[np.int64], planes: Bools, setup: Sc
 class _Kept:
     """The points of a scene that are kept, as `Observation` holds them."""
 
-    points: Float
-    normals: Float
-    weights: Float
-    areas: Float
-    regions: NDArray[np.int32]
+    points: Singles
+    normals: Singles
+    weights: Singles
+    areas: Singles
+    regions: Ints
 
 
 @dataclass(frozen=True)
 class _Seen:
     """All that was seen of a scene: it tells free from hidden space."""
 
-    points: Float
+    points: Singles
     """(n, 3)"""
-    origin: Float | None
+    origin: Singles | None
     """(3,) where from, else None."""
     pixel: float
     """`Observation.depth_pixel`"""
@@ -337,7 +346,7 @@ def _field(
     )
 
 
-def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> float:
+def _ray_pixel(seen: Singles, searched: Singles, origin: Singles, threads: int) -> float:
     """Return the least pixel of a depth image of all points `seen` (n, 3), at the median range of those `searched`."""
     rays, ranges = _rays(searched[:: max(1, len(searched) // RAYS)], origin)
     middle = preparation.median(ranges)
@@ -345,19 +354,19 @@ def _ray_pixel(seen: Float, searched: Float, origin: Float, threads: int) -> flo
     return RAY_PIXEL * preparation.median(sixth)
 
 
-def _rays(points: Float, origin: Float) -> tuple[Float, Float]:
+def _rays(points: Singles, origin: Singles) -> tuple[Singles, Singles]:
     """Return directions (n, 3) and ranges (n,) of points seen from an origin."""
     away = points - origin
     ranges = np.maximum(np.linalg.norm(away, axis=1), 1e-9).astype(np.float32)
     return np.ascontiguousarray(away / ranges[:, None], np.float32), ranges
 
 
-def _areas(spacing: Float) -> Float:
+def _areas(spacing: Singles) -> Singles:
     """Return the surface that each point stands for, by its distance to its sixth neighbour."""
     return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)
 
 
-def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> NDArray[np.int64]:
+def _range_bins(points: Singles, origin: Singles | None, options: SceneOptions) -> Indices:
     """Return the bin of each point: by range, or without a sensor origin by place."""
     if origin is None:
         return np.asarray(kernels.voxel_means(points, 2 * options.range_bin)[2], np.int64)
@@ -365,7 +374,7 @@ def _range_bins(points: Float, origin: Float | None, options: SceneOptions) -> N
     return np.asarray(np.minimum(distance / options.range_bin, 400), np.int64)
 
 
-def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
+def _binned_median(values: Singles, bins: Indices) -> Singles:
     """Return for each point the median of its bin."""
     order = np.lexsort((values, bins))
     first = np.flatnonzero(np.diff(bins[order], prepend=-1))
@@ -376,7 +385,7 @@ def _binned_median(values: Float, bins: NDArray[np.int64]) -> Float:
 
 
 def _near_enough(
-    points: Float, spacing: Float, area: Float, origin: Float | None, model_area: float, options: SceneOptions
+    points: Singles, spacing: Singles, area: Singles, origin: Singles | None, model_area: float, options: SceneOptions
 ) -> Bools:
     """Return which points lie close enough together to show the model."""
     usual = _binned_median(spacing, _range_bins(points, origin, options))
@@ -391,28 +400,28 @@ def _near_enough(
 class _Cloud:
     """Points that planes are found among."""
 
-    points: Float
+    points: Singles
     """(n, 3)"""
-    normals: Float
+    normals: Singles
     """(n, 3), of either sign."""
-    areas: Float
+    areas: Singles
     """(n,) surface that each point stands for."""
-    tolerances: Float
+    tolerances: Singles
     """(n,) how far from a plane each may lie and be of it."""
 
     @classmethod
-    def of(cls, points: Float, areas: Float, origin: Float | None, options: SceneOptions, threads: int) -> _Cloud:
+    def of(cls, points: Singles, areas: Singles, origin: Singles | None, options: SceneOptions, threads: int) -> _Cloud:
         """Take points seen from an `origin`, if one is known; the farther the noisier they may be."""
         normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
         noise = _binned_median(np.sqrt(np.maximum(variances[:, 0], 0)), _range_bins(points, origin, options))
         tolerances = np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most)
         return cls(points, normals, areas, np.asarray(tolerances))
 
-    def off(self, plane: _Plane) -> Float:
+    def off(self, plane: _Plane) -> Singles:
         """Return how far each point is from a plane, (n,)."""
         return np.asarray(np.abs((self.points - plane.centre) @ plane.normal))
 
-    def along(self, plane: _Plane) -> Float:
+    def along(self, plane: _Plane) -> Singles:
         """Return how much the surface at each point is turned as a plane is, (n,), 1 at most."""
         return np.asarray(np.abs(self.normals @ plane.normal))
 
@@ -421,9 +430,9 @@ class _Cloud:
 class _Plane:
     """A plane through a point."""
 
-    centre: Float
+    centre: Singles
     """(3,)"""
-    normal: Float
+    normal: Singles
     """(3,)"""
 
 
@@ -445,12 +454,12 @@ def _wide_planes(cloud: _Cloud, least: _Size, options: SceneOptions) -> Bools:
     left, background = np.ones(count, bool), np.zeros(count, bool)
     for _ in range(options.planes):
         remaining = sample[left[sample]]
-        if len(remaining) < 0.02 * len(sample):
+        if len(remaining) < LEAST_LEFT * len(sample):
             break
         seeds = random.choice(remaining, options.plane_trials)
         offset = np.einsum("ij,ij->i", points[seeds], normals[seeds])
         on = np.abs(points[remaining] @ normals[seeds].T - offset) < cloud.tolerances[remaining, None]
-        on &= np.abs(normals[remaining] @ normals[seeds].T) > 0.9
+        on &= np.abs(normals[remaining] @ normals[seeds].T) > SEEDED_ALONG
         best = seeds[int(np.argmax(on.sum(axis=0)))]
         plane, inliers = _fitted(cloud, left, _Plane(points[best], normals[best]))
         left[best] = False
@@ -462,11 +471,11 @@ def _wide_planes(cloud: _Cloud, least: _Size, options: SceneOptions) -> Bools:
     return background
 
 
-def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, NDArray[np.int64]]:
+def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, Indices]:
     """Fit a plane to those points that are `left` and lie on it; return it and them."""
     inliers = np.zeros(0, np.int64)
     for _ in range(3):
-        inliers = np.flatnonzero(left & (cloud.off(plane) < cloud.tolerances) & (cloud.along(plane) > 0.85))
+        inliers = np.flatnonzero(left & (cloud.off(plane) < cloud.tolerances) & (cloud.along(plane) > FITTED_ALONG))
         if len(inliers) < LEAST_ON_PLANE:
             break
         centre = cloud.points[inliers].mean(axis=0)
@@ -475,15 +484,13 @@ def _fitted(cloud: _Cloud, left: Bools, plane: _Plane) -> tuple[_Plane, NDArray[
     return plane, inliers
 
 
-def _wide_pieces(
-    cloud: _Cloud, inliers: NDArray[np.int64], plane: _Plane, least: _Size, options: SceneOptions
-) -> Bools:
+def _wide_pieces(cloud: _Cloud, inliers: Indices, plane: _Plane, least: _Size, options: SceneOptions) -> Bools:
     """Return which points lie on the wide connected pieces of one plane, that the `inliers` (indices) show."""
     from scipy import ndimage
 
     axes = np.linalg.svd(plane.normal[None].astype(float))[2][1:]
     flat = (cloud.points - plane.centre) @ axes.T
-    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell
+    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell  # a cell to spare for what is covered beside them
     at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
     shape = at[inliers].max(axis=0) + 2
     footprint = np.zeros(shape, bool)
@@ -493,23 +500,23 @@ def _wide_pieces(
     wide = np.zeros(count + 1, bool)
     for index in range(1, count + 1):
         own = inliers[piece == index]
-        if len(own) < 20 or cloud.areas[own].sum() < least.area:
+        if len(own) < LEAST_ON_PIECE or cloud.areas[own].sum() < least.area:
             continue
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
-        wide[index] = spread[0] > least.spread or (spread[0] > 0.6 * least.spread and spread[1] > 3 * least.spread)
+        wide[index] = spread[0] > least.spread or (
+            spread[0] > LESS_WIDE * least.spread and spread[1] > LONG * least.spread
+        )
     if not wide.any():
         return np.zeros(len(cloud.points), bool)
     covered = ndimage.binary_dilation(wide[label], np.ones((3, 3)))
     inside = ((at >= 0) & (at < shape)).all(axis=1)
     inside[inside] = covered[tuple(at[inside].T)]
     off = cloud.off(plane)
-    along = (cloud.along(plane) > 0.8) | (off < 0.7 * cloud.tolerances)
-    return np.asarray(inside & (off < 1.5 * cloud.tolerances) & along)
+    along = (cloud.along(plane) > HELD_ALONG) | (off < CLOSE * cloud.tolerances)
+    return np.asarray(inside & (off < LOOSE * cloud.tolerances) & along)
 
 
-def _regions(
-    points: Float, spacing: Float, searched: Bools, model_area: float, options: SceneOptions
-) -> NDArray[np.int64]:
+def _regions(points: Singles, spacing: Singles, searched: Bools, model_area: float, options: SceneOptions) -> Indices:
     """Return the connected region of each point, largest first; -1 for what is not searched.
 
     Fragments too small to be searched on their own belong to the region that they are near to: bits of thin parts.
@@ -538,7 +545,7 @@ def _regions(
     return region
 
 
-def _surroundings(points: Float, searched: Bools, margin: float) -> Bools:
+def _surroundings(points: Singles, searched: Bools, margin: float) -> Bools:
     """Return what is searched and what lies near it."""
     from scipy.spatial import cKDTree
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.sensing.observation import Float, at_most, common_origin, median, sixth_neighbour
+from pwralign_kin.arrays import Bools, Ints, Singles
+from pwralign_kin.estimation.sensing.observation import at_most, common_origin, median, sixth_neighbour
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 
@@ -86,7 +86,7 @@ def edge_on(scan: Scan, diagonal: float) -> bool:
     return float((gaps > gaps[first][pixel]).mean()) < LEAST_GAPPED
 
 
-def _rays(scan: Scan, origin: Float, diagonal: float) -> tuple[Array, Array]:
+def _rays(scan: Scan, origin: Singles, diagonal: float) -> tuple[Array, Array]:
     """Return ranges (n,) and directions (n, 3) of a sample of the points, seen from the `origin` (in search units)."""
     rays = at_most(np.ascontiguousarray(scan.points / diagonal, np.float64), HIDING_SAMPLE) - origin
     ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
@@ -98,13 +98,13 @@ def _middle_range(ranges: Array) -> float:
     return max(median(ranges), LEAST_HIDING_RANGE)
 
 
-def _pixels(ranges: Array, directions: Array, width: float) -> NDArray[np.int32]:
+def _pixels(ranges: Array, directions: Array, width: float) -> Ints:
     """Return the pixel (n,) of each direction, so wide (model diagonals) at the median range."""
     angle = width / _middle_range(ranges)
     return kernels.voxel_means(np.ascontiguousarray(directions / angle, np.float32), 1.0)[2]
 
 
-def _hidden(ranges: Array, pixel: NDArray[np.int32], depth: float) -> NDArray[np.bool_]:
+def _hidden(ranges: Array, pixel: Ints, depth: float) -> Bools:
     """Return which points lie farther than this behind the nearest of their pixel."""
     nearest = np.full(pixel.max() + 1, np.inf)
     np.minimum.at(nearest, pixel, ranges)

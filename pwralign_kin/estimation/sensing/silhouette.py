@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.estimation.sensing.observation import Observation
-from pwralign_kin.se3 import Array
-
-Float = NDArray[np.float32]
-Bool = NDArray[np.bool_]
+from pwralign_kin.se3 import Array, axes_across
 
 MARGIN = 30
 """Pixels around the scan's image."""
@@ -43,7 +40,7 @@ BEHIND = 0.05
 class OutlineResiduals:
     """Samples on the model's outline and where they should be, in search units."""
 
-    parts: NDArray[np.int64]
+    parts: Indices
     """(r,) part of each sample."""
     points: Array
     """(r, 3) where they are."""
@@ -79,7 +76,7 @@ class OutlineResiduals:
 class Silhouette:
     """The image of a scan's points as its sensor saw them."""
 
-    def __init__(self, observation: Observation, points: Float, on_model: Bool) -> None:
+    def __init__(self, observation: Observation, points: Singles, on_model: Bools) -> None:
         """Take all points (n, 3) of the scan in search units, and which of them are the model's."""
         from scipy import ndimage
         from scipy.spatial import cKDTree
@@ -110,9 +107,9 @@ class Silhouette:
             before = depth[~on_model & in_front] < depth[on_model & in_front][nearest_own] + BEHIND
             self.hidden |= ndimage.binary_dilation(self._raster(others[before]), iterations=3)
         self.nearest = nearest
-        self._rim: tuple[Array, NDArray[np.int64]] | None = None
+        self._rim: tuple[Array, Indices] | None = None
 
-    def residuals(self, parts: NDArray[np.int64], points: Array, spacing: float, reach: float) -> OutlineResiduals:
+    def residuals(self, parts: Indices, points: Array, spacing: float, reach: float) -> OutlineResiduals:
         """Return the residuals of those of the model's samples (n, 3), of `parts` (n,), that are on its outline.
 
         `spacing` is how far apart samples are.
@@ -142,7 +139,7 @@ class Silhouette:
         pixel = self.pixel * float(np.median(depth)) if len(depth) else self.pixel
         return OutlineResiduals(parts, points, direction, residual, pixel)
 
-    def _rim_of(self, image: Array, depth: Array, spacing: float) -> NDArray[np.int64]:
+    def _rim_of(self, image: Array, depth: Array, spacing: float) -> Indices:
         """Return which samples at `image` (n, 2) and `depth` (n,) are on the model's outline.
 
         They are the same until a sample has moved by `RIM_HELD`: chosen anew at every step, they would keep the steps
@@ -159,7 +156,7 @@ class Silhouette:
         self._rim = image, rim
         return rim
 
-    def _on_rim(self, cell: NDArray[np.int64], gap: float) -> Bool:
+    def _on_rim(self, cell: Indices, gap: float) -> Bools:
         """Return which samples are at the edge of the image that all of them make, their gaps (pixels) closed."""
         image = np.zeros(self.shape, bool)
         image[cell[:, 0], cell[:, 1]] = True
@@ -172,13 +169,13 @@ class Silhouette:
         with np.errstate(divide="ignore", invalid="ignore"):
             return local[:, :2] / local[:, 2:], local[:, 2]
 
-    def _beyond(self, borders: Float) -> Bool:
+    def _beyond(self, borders: Singles) -> Bools:
         """Return which pixels are out of the picture, by the outward normals (b, 3) of the planes that end it."""
         cells = np.moveaxis(np.indices(self.shape), 0, -1) + 0.5
         rays = np.concatenate([self.corner + cells * self.pixel, np.ones((*self.shape, 1))], axis=-1)
         return np.asarray((rays @ (borders @ self.axes.T).T > 0.0).any(axis=-1))
 
-    def _raster(self, image: Array) -> Bool:
+    def _raster(self, image: Array) -> Bools:
         cell = np.floor((image - self.corner) / self.pixel).astype(int)
         cell = cell[((cell >= 0) & (cell < self.shape)).all(axis=1)]
         out = np.zeros(self.shape, bool)
@@ -186,7 +183,7 @@ class Silhouette:
         return out
 
 
-def dilated(mask: Bool, radius: float) -> Bool:
+def dilated(mask: Bools, radius: float) -> Bools:
     """Return which pixels are no farther than `radius` from a pixel of a mask (rows, columns).
 
     A row after the other of a disc: a tenth of the time of a distance transform, which tells the same.
@@ -207,6 +204,4 @@ def dilated(mask: Bool, radius: float) -> Bool:
 def _image_axes(towards: Array) -> Array:
     """Return the axes (3, 3) of an image whose third axis looks `towards` something."""
     z = towards / np.linalg.norm(towards)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    return np.stack([*axes_across(z), z])

@@ -89,7 +89,7 @@ def _agreed(
         if start.scores[0] >= (1 - CONTRADICTION) * first.finished.scores[0]:
             continue
         outvoted.append(i)
-        again = Estimator(model, _with_base(model, options[i], base)).fit(first.scan, None, None)
+        again = Estimator(model, _with_base(model, options[i], base)).searched(first.scan, None, None)
         scans[i] = again.knowing(first.solver.comparison.known)
         found = _pulled(scans[i], scans[i].finished, base)
         # Another search may take the view to have holes: both are compared by the first one's scores.

@@ -46,7 +46,7 @@ def estimate_shared_base(
     alone = []
     for i, (scan, guess, pairs, own) in enumerate(zip(scans, initials, correspondences, options, strict=True)):
         warn_of_rounding(scan, model.diagonal)
-        alone.append(Estimator(model, own, _numbered(progress, i)).fit(scan, guess, pairs))
+        alone.append(Estimator(model, own, _numbered(progress, i)).searched(scan, guess, pairs))
     if progress is not None:
         progress("consensus")
     agreed = consensus(model, alone, options)

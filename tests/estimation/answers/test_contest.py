@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.answers import contest
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator
+from pwralign_kin.estimation.search.voting import VoteOptions
 from pwralign_kin.estimation.stages import SearchedScan
 
 SWIVEL = """
@@ -36,31 +40,44 @@ def swivel(folder: Path, lower: float, upper: float) -> pk.ArticulatedModel:
     return pk.ArticulatedModel.from_urdf(folder / "swivel.urdf")
 
 
-def fitted(model: pk.ArticulatedModel, truth: pk.State) -> SearchedScan:
+def searched_near(model: pk.ArticulatedModel, truth: pk.State) -> SearchedScan:
     scan = pk.simulate(model, truth, seed=0).scan
-    return Estimator(model, pk.EstimatorOptions(threads=1)).fit(scan, truth, None)
+    return Estimator(model, pk.EstimatorOptions(threads=1)).searched(scan, truth, None)
 
 
-def held_at(fit: SearchedScan, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
-    base = fit.solver.comparison.observation.to_search(model.root_placement(truth))
+def held_at(searched: SearchedScan, model: pk.ArticulatedModel, truth: pk.State, value: float) -> Candidates:
+    base = searched.solver.comparison.observation.to_search(model.root_placement(truth))
     return Candidates.single(base, np.array([value]))
 
 
-def contest(fit: SearchedScan, final: Candidates) -> Candidates | None:
-    return contested(fit.solver, final, final, pk.EstimatorOptions())
+def against_rivals(searched: SearchedScan, final: Candidates) -> Candidates | None:
+    return contested(searched.solver, final, final, pk.EstimatorOptions())
 
 
 def test_a_joint_held_at_one_limit_may_be_meant_beyond_the_other(tmp_path: Path) -> None:
     model, truth = swivel(tmp_path, -3.0, 3.0), pk.State(np.eye(4), {"turn": -2.9})
-    fit = fitted(model, truth)
-    final = held_at(fit, model, truth, 3.0)
-    better = contest(fit, final)
+    searched = searched_near(model, truth)
+    final = held_at(searched, model, truth, 3.0)
+    better = against_rivals(searched, final)
     assert better is not None
     assert better.values[0, 0] == pytest.approx(-2.9, abs=0.02)
 
 
 def test_limits_far_apart_are_not_taken_for_each_other(tmp_path: Path) -> None:
     model, truth = swivel(tmp_path, -1.0, 1.0), pk.State(np.eye(4), {"turn": 1.0})
-    fit = fitted(model, truth)
-    final = held_at(fit, model, truth, 1.0)
-    assert contest(fit, final) is None
+    searched = searched_near(model, truth)
+    final = held_at(searched, model, truth, 1.0)
+    assert against_rivals(searched, final) is None
+
+
+def test_votes_about_parts_off_their_points_are_cast_as_the_options_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, truth = swivel(tmp_path, -1.0, 1.0), pk.State(np.eye(4), {"turn": 0.0})
+    searched = searched_near(model, truth)
+    mended = mock.Mock(return_value=None)
+    monkeypatch.setattr(contest, "mended", mended)
+    options = pk.EstimatorOptions()
+    options = replace(options, repair=replace(options.repair, votes=VoteOptions(starts=3)))
+    contested(searched.solver, *2 * [searched.finished.take([0])], options)
+    assert mended.call_args.args[-1].starts == 3

@@ -32,7 +32,7 @@ def first_searched(
         )
     )
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    before = answers._once(0)
+    before = answers._first_search(0)
     if wrong:
         before.bases[:, :3, 3] += 0.2
     return answers, before
@@ -49,7 +49,7 @@ def searched_again(
     monkeypatch.setattr(
         TreeSearch, "piecewise_hypotheses", lambda own, seed: looked.append(seed) or piecewise(own, seed)
     )
-    return answers._once_more(1, answers.search, before) is before, bool(looked)
+    return answers._further_search(1, answers.search, before) is before, bool(looked)
 
 
 def test_an_answer_that_all_of_the_scan_leads_to_again_ends_the_search(
@@ -85,7 +85,7 @@ def test_what_is_hardly_sound_and_leaves_much_unexplained_is_searched_on(
 ) -> None:
     """In clutter a humanoid was answered wrong, though all of its parts explained enough."""
     answers = AnswerSearch(arm, search, pk.EstimatorOptions(threads=2), None, Stopwatch())
-    found = answers._once(0).best_first()
+    found = answers._first_search(0).best_first()
     assert answers._is_settled(found, [found])
     monkeypatch.setattr(AnswerSearch, "_soundness", lambda *_: soundness)
     monkeypatch.setattr(ScanComparison, "unexplained", lambda *_: unexplained)
@@ -103,6 +103,6 @@ def test_a_further_search_of_a_view_ends_where_it_comes_to_the_known_answer(
     answers, before = first_searched(arm, single_scan.scan, units, wrong=wrong)
     read = mock.Mock(side_effect=lambda search, solutions: solutions)
     monkeypatch.setattr(answers, "_reinterpreted", read)
-    found = answers._once_more(1, answers.search, before)
+    found = answers._further_search(1, answers.search, before)
     assert read.called == wrong
     assert np.array_equal(found.bases[0], before.bases[0]) != wrong

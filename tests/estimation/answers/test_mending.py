@@ -14,6 +14,7 @@ from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
+from pwralign_kin.estimation.search.voting import VoteOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
 from pwralign_kin.simulation import TIERS, Sensor
 
@@ -68,7 +69,7 @@ def test_what_a_part_hangs_on_is_turned_to_bring_it_to_its_points(leg: pk.Articu
     parts, less = off_points(comparison, wrong)
     assert [leg.parts[i].name for i in parts] == ["foot"]
     assert less[0] > 0.0
-    found = mended(leg, comparison, wrong)
+    found = mended(leg, comparison, wrong, VoteOptions())
     assert found is not None
     apart = np.linalg.norm(comparison.probe_positions(found) - comparison.probe_positions(right), axis=-1).mean()
     assert apart < 0.005
@@ -78,11 +79,11 @@ def test_a_right_answer_is_left_alone(leg: pk.ArticulatedModel) -> None:
     comparison = searched(leg, TIERS["full"])
     right = configuration(leg, comparison, TRUE)
     assert len(off_points(comparison, right)[0]) == 0
-    assert mended(leg, comparison, right) is None
+    assert mended(leg, comparison, right, VoteOptions()) is None
 
 
 def test_the_points_of_a_bent_scan_do_not_tell_where_a_small_part_is(leg: pk.ArticulatedModel) -> None:
     comparison = searched(leg, replace(TIERS["single"], bend=0.02))
     wrong = configuration(leg, comparison, TURNED)
     assert len(off_points(comparison, wrong)[0]) > 0
-    assert mended(leg, comparison, wrong) is None
+    assert mended(leg, comparison, wrong, VoteOptions()) is None

@@ -51,8 +51,7 @@ def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
 
     closely = answers._closely(comparison.about(astray, SceneSearchOptions().focus))
-    looked = closely._found(0, closely.search, astray)
-    found = closely._narrowly_repaired(closely.search, looked, turn=True)
+    found = closely.repaired(closely.grown_beside(astray, 0))
 
     true = comparison.probe_positions(true_and_moved(excavator, scene, ready).take([0]))
     errors = np.linalg.norm(comparison.probe_positions(found) - true, axis=-1).mean(axis=1)

@@ -62,13 +62,13 @@ def test_noise_does_not_leave_a_joint_at_another_of_its_values(tmp_path: Path) -
     model = turret(tmp_path, BUMP)
     made = pk.simulate(model, sensor=replace(FULL, points=4000, noise=0.004), seed=1)
     estimator = Estimator(model, pk.EstimatorOptions(threads=1), None)
-    fit = estimator.fit(made.scan, made.state, None)
+    searched = estimator.searched(made.scan, made.state, None)
     wrong = model.values(made.state.joints) + np.pi / 2
     placed = model.root_placement(made.state) @ model.part_placements(model.values(made.state.joints))[1]
-    base = fit.solver.comparison.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
-    start = solved(fit.solver, base, fit.solver.limited(wrong))
+    base = searched.solver.comparison.observation.to_search(placed @ inverse(model.part_placements(wrong)[1]))
+    start = solved(searched.solver, base, searched.solver.limited(wrong))
     assert abs(wrapped(start.values[0] - made.state.joints["turn"])) > 1.0
-    solution, doubt = doubted(fit.solver, start, fit.prior)
+    solution, doubt = doubted(searched.solver, start, searched.prior)
     off = abs(wrapped(solution.values[0] - made.state.joints["turn"]))
     assert not doubt.undetermined.any()
     assert off < np.radians(10.0)
@@ -137,12 +137,12 @@ def test_values_that_few_points_speak_against_stay_out_of_the_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = turret(tmp_path, BUMP)
-    fit = Estimator(model, pk.EstimatorOptions()).fit(pk.simulate(model, seed=0).scan, None, None)
-    found = solved(fit.solver, fit.finished.bases[0], fit.finished.values[0])
+    searched = Estimator(model, pk.EstimatorOptions()).searched(pk.simulate(model, seed=0).scan, None, None)
+    found = solved(searched.solver, searched.finished.bases[0], searched.finished.values[0])
     errors = Errors(noise=0.002, systematic=0.0)
-    few = joint_profile.profiled(fit.solver, found.base, found.values, 0, errors, weak=True)
+    few = joint_profile.profiled(searched.solver, found.base, found.values, 0, errors, weak=True)
     monkeypatch.setattr(joint_profile, "LOOKS", (16,))
-    every = joint_profile.profiled(fit.solver, found.base, found.values, 0, errors, weak=True)
+    every = joint_profile.profiled(searched.solver, found.base, found.values, 0, errors, weak=True)
     assert few.values[0] == every.values[0]
     assert few.gain == pytest.approx(every.gain, abs=1e-3)
     assert (few.margin > joint_profile.NO_RIVAL) == (every.margin > joint_profile.NO_RIVAL)

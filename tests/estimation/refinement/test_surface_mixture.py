@@ -155,8 +155,8 @@ def test_noisy_scans_of_thin_parts_are_told_better_and_by_how_much(sheets: pk.Ar
 
 def test_the_noise_of_a_scan_is_told_where_it_hides_the_surface(sheets: pk.ArticulatedModel) -> None:
     made = pk.simulate(sheets, sensor=Sensor(points=1500, noise=0.015), seed=1)
-    fit = Estimator(sheets, pk.EstimatorOptions()).fit(made.scan, made.state, None)
-    solution = solved(fit.solver, fit.finished.bases[0], fit.finished.values[0])
+    searched = Estimator(sheets, pk.EstimatorOptions()).searched(made.scan, made.state, None)
+    solution = solved(searched.solver, searched.finished.bases[0], searched.finished.values[0])
     assert solution.problem.blur is not None
     assert solution.problem.blur.noise == pytest.approx(0.015, rel=0.06)
 
@@ -168,6 +168,6 @@ def test_one_view_and_little_noise_are_left_to_the_nearest_surface(arm: pk.Artic
         (Sensor(views=1, points=2000, noise=0.01, known_origin=True), False),
     ):
         made = pk.simulate(arm, sensor=sensor, seed=1)
-        fit = Estimator(arm, pk.EstimatorOptions()).fit(made.scan, made.state, None)
-        solution = solved(fit.solver, fit.finished.bases[0], fit.finished.values[0])
+        searched = Estimator(arm, pk.EstimatorOptions()).searched(made.scan, made.state, None)
+        solution = solved(searched.solver, searched.finished.bases[0], searched.finished.values[0])
         assert (solution.problem.blur is not None) == noisy
