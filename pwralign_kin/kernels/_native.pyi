@@ -70,12 +70,21 @@ def openness(
     """Return (n,) how open the side is that each normal points to, by rays through the cloud's cells; negative where it
     points inwards."""
 
-def components(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]: ...
-def retracted(placement: NDArray[np.float64], twist: NDArray[np.float64]) -> NDArray[np.float64]: ...
-def first_occurrences(rows: NDArray[np.float64]) -> NDArray[np.int64]: ...
+def components(points: NDArray[np.float32], radius: float) -> NDArray[np.int32]:
+    """Return (n,) the number of the cluster of each point; points nearer than `radius` are of one."""
+
+def retracted(placement: NDArray[np.float64], twist: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the placement (4, 4) moved by a twist (6,), its turn first, about its own origin; turns end at pi."""
+
+def first_occurrences(rows: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return (m,) the first of all equal ones among rows (n, 3), finite, in their order."""
+
 def steps_around(
     points: NDArray[np.float32], normals: NDArray[np.float32], step: float, directions: int
-) -> NDArray[np.float32]: ...
+) -> NDArray[np.float32]:
+    """Return (n * directions, 3) where steps end that lead from each point evenly around its tangential plane, those of
+    one point together."""
+
 def dominant_plane(
     points: NDArray[np.float32], normals: NDArray[np.float32], tolerance: float, trials: int, seed: int
 ) -> tuple[float, float, float, float, int]:
@@ -158,14 +167,18 @@ class Articulated:
         open_turn: float,
         open_slide: float,
         beyond: float,
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]: ...
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+        """Return the values (a, b, joints) that the joints holding the parts of a `chain`, one or two from above, take
+        between placements above (a, 4, 4) and below (b, 4, 4), and whether (a, b) they close within the limits."""
+
     def forward(self, bases: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 class ScanField:
     """A grid about the points of a scan that tells the nearest one of each cell, and what is free or hidden.
 
     The meaning of the arrays stands at `estimation.sensing.observation.Observation`. `nearest` returns the scan point
-    (n,) nearest to the cell of each position, `with_unreturned` the same field with another trust in silent pixels.
+    (n,) nearest to the cell of each position, -1 where that is not within `reach`,
+    `with_unreturned` the same field with another trust in silent pixels.
     """
 
     def __init__(

@@ -354,13 +354,16 @@ void bind_model(nb::module_ &m) {
                 double open_turn, double open_slide, double beyond) {
         require(chain.size() == 1 || chain.size() == 2, "a chain has one joint, or two");
         for (const int part : chain) require(part > 0 && part < self.parts, "no joint holds such a part");
+        require(chain.size() == 1 || self.parent[chain[1]] == chain[0], "the joints of a chain follow one another");
         const auto T_above = read_placements(above), T_below = read_placements(below);
         const size_t a = T_above.size(), b = T_below.size(), n = chain.size();
         std::vector<double> values(a * b * n);
         std::vector<uint8_t> fits(a * b);
-        for (size_t i = 0; i < a * b; ++i)
-            fits[i] =
-                self.close(chain, T_above[i / b], T_below[i % b], {open_turn, open_slide, beyond}, &values[n * i]);
+        unlocked([&] {
+            for (size_t i = 0; i < a * b; ++i)
+                fits[i] =
+                    self.close(chain, T_above[i / b], T_below[i % b], {open_turn, open_slide, beyond}, &values[n * i]);
+        });
         return nb::make_tuple(to_numpy(std::move(values), {a, b, n}), to_numpy(std::move(fits), {a, b}));
     },
              "chain"_a, "above"_a, "below"_a, "open_turn"_a, "open_slide"_a, "beyond"_a);

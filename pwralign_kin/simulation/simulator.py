@@ -339,12 +339,13 @@ def _noisy(returns: _Returns, diagonal: float, sensor: Sensor, seed: int) -> _Re
 
 def _rounded(returns: _Returns, diagonal: float, sensor: Sensor) -> _Returns:
     """Move each point to the mean of those about it, as a mesh fused from many views does."""
-    if sensor.rounding == 0.0:
+    if sensor.rounding == 0.0 or len(returns.points) == 0:
         return returns
     from scipy.spatial import cKDTree
 
-    around = cKDTree(returns.points).query_ball_point(returns.points, sensor.rounding * diagonal)
-    means = np.array([returns.points[own].mean(axis=0) for own in around])
+    tree, radius = cKDTree(returns.points), sensor.rounding * diagonal
+    # One by one: all neighbours of dense scans together do not fit into memory.
+    means = np.array([returns.points[tree.query_ball_point(point, radius)].mean(axis=0) for point in returns.points])
     return _Returns(means, returns.labels, returns.view, returns.directions)
 
 

@@ -72,7 +72,8 @@ def _mended_by_turns(
         better = _better(comparison, found, repaired)
         if better is None:
             break
-        found = mended(model, comparison, better, options.repair.votes) or better
+        again = mended(model, comparison, better, options.repair.votes)
+        found = better if again is None else again
     return found
 
 

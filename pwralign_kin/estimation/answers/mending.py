@@ -59,7 +59,8 @@ def mended(
             break
         # What refinement alone would gain is no merit of a repair.
         start = ranked(comparison, answer if found is not None else refined_both_ways(comparison, answer)).take([0])
-        ways = [mender.voted(answer, parts, round_), *(mender.ways_of(answer, int(part)) for part in parts[:PARTS])]
+        each_way = (mender.ways_of(answer, int(part)) for part in parts[:PARTS])
+        ways = [mender.ways_voted(answer, parts, round_), *each_way]
         tried = [start, *(refined_both_ways(comparison, some) for some in ways)]
         several = Candidates.concatenate(tried)
         each = finest(comparison, several)
@@ -90,7 +91,7 @@ class _Mender:
         swept = self._swept(comparison.distinct(comparison.scored(held)[0], HELD, apart), part)
         return comparison.distinct(comparison.scored(Candidates.concatenate([held, swept]))[0], REFINED, apart)
 
-    def voted(self, answer: Candidates, off: Indices, seed: int) -> Candidates:
+    def ways_voted(self, answer: Candidates, off: Indices, seed: int) -> Candidates:
         """Return the most promising configurations that the points on parts `off` theirs vote for."""
         votes = voted(self.search, answer, self.votes, seed, doubting=True, off=off)
         return answer.take([]) if votes is None else self.search.sifted(votes, VOTED, VOTED)

@@ -83,11 +83,11 @@ class Evidence:
 
     shown: float
     """Share of the model's surface that is in sight, of what a picture of it usually shows: some answers hide most of
-    it, where nothing can contradict them. 1 without a sensor."""
+    it, where nothing can contradict them. 1 unless the one place of the sensor is known."""
 
     agreed: float
-    """The same, of that which points lie on, however they are oriented: a scan with holes does not show all that is in
-    sight, but what it shows is like the model."""
+    """Share of the model's surface that points confirm, of that which they lie on, however they are oriented: a scan
+    with holes does not show all that is in sight, but what it shows is like the model."""
 
     explained: float
     """Share of the scan, in a scene of what is near the answer, that lies on the model. Where there is much else, some

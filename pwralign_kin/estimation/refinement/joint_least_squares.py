@@ -388,7 +388,8 @@ def _product(A: Array, B: Array) -> Array:
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
     """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping.
 
-    Raises `LinAlgError` where there is none: `H` is not positive definite, or a number not finite.
+    Bounds are numbers, none above the other. Raises `LinAlgError` where there is no step: `H` is not positive definite,
+    or a number of `H` or `g` not finite.
     """
     program = _quadratic_program(len(g), threading.get_ident())
     program.h[:], program.g[:], program.lbx[:], program.ubx[:] = H, -g, low, high

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import pytest
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
+from pwralign_kin.estimation.search.repair import RepairOptions, repair_moves
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
@@ -99,23 +100,53 @@ WRIST = """<robot name="wrist">
 </robot>"""
 
 
-def test_three_joints_hold_what_is_beyond_them_the_other_way(tmp_path: Path) -> None:
-    path = tmp_path / "wrist.urdf"
+@pytest.fixture(scope="module")
+def wrist(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
+    path = tmp_path_factory.mktemp("wrist") / "wrist.urdf"
     path.write_text(WRIST)
-    wrist = pk.ArticulatedModel.from_urdf(path)
+    return pk.ArticulatedModel.from_urdf(path)
+
+
+@pytest.fixture(scope="module")
+def seen(wrist: pk.ArticulatedModel) -> tuple[ScanComparison, Candidates, Candidates]:
+    """A scan, the truth, and the leg where it is with the wrist the other way round."""
     a, b, c = 0.5, 0.7, 0.4
     scan = pk.simulate(wrist, pk.State(np.eye(4), {"a": a, "b": b, "c": c}), TIERS["full"], seed=2).scan
     observation = observe(scan, wrist.diagonal, ObservationOptions(), 1)
     sought = Sought(wrist.kernel_model, wrist.surfaces, SearchOptions(), 1)
     comparison = ScanComparison(sought, observation, SearchPrior.nothing(wrist.values({})))
     base = observation.to_search(wrist.root_placement(pk.State(np.eye(4), {})))
-    true = Candidates.single(base, np.array([a, b, c]))
-    other = Candidates.single(base, np.array([a - np.pi, -b, c - np.pi]))
+    true, other = np.array([a, b, c]), np.array([a - np.pi, -b, c - np.pi])
+    return comparison, Candidates.single(base, true), Candidates.single(base, other)
+
+
+def apart(comparison: ScanComparison, several: Candidates, true: Candidates) -> np.ndarray:
+    displacements = comparison.probe_positions(several) - comparison.probe_positions(true)
+    return np.asarray(np.linalg.norm(displacements, axis=-1).mean(axis=1))
+
+
+def test_three_joints_hold_what_is_beyond_them_the_other_way(
+    seen: tuple[ScanComparison, Candidates, Candidates],
+) -> None:
+    comparison, true, other = seen
     leg, held = 3, comparison.part_placements(Candidates.concatenate([true, other]))[:, 3]
     np.testing.assert_allclose(held[0], held[1], atol=1e-9)
     off = off_points(comparison, other)[0]
     assert set(off) <= {1, 2} and leg not in off
     moved = voted(TreeSearch(comparison), other, VoteOptions(), 0, doubting=True, off=np.array([1, 2]))
     assert moved is not None
-    apart = np.linalg.norm(comparison.probe_positions(moved) - comparison.probe_positions(true), axis=-1).mean(axis=1)
-    assert apart.min() < 0.005
+    assert apart(comparison, moved, true).min() < 0.005
+
+
+def test_repair_and_mending_have_parts_off_their_points_voted_for(
+    wrist: pk.ArticulatedModel, seen: tuple[ScanComparison, Candidates, Candidates]
+) -> None:
+    comparison, true, other = seen
+    options = RepairOptions(unexplained=0.1)  # nothing counts as missing
+    moves = repair_moves(TreeSearch(comparison), other, options, 0, foremost=True, turn=False)
+    mend = mended(wrist, comparison, other, VoteOptions())
+    assert moves is not None and mend is not None
+    assert apart(comparison, moves, true).min() < 0.001 and apart(comparison, mend, true) < 0.005
+    silent = RepairOptions(unexplained=0.1, votes=VoteOptions(parts=0))
+    less = repair_moves(TreeSearch(comparison), other, silent, 0, foremost=True, turn=False)
+    assert less is not None and apart(comparison, less, true).min() > 0.005
