@@ -36,12 +36,12 @@ LEAST_LEFT = 0.02
 SEEDED_ALONG, FITTED_ALONG, HELD_ALONG = 0.9, 0.85, 0.8
 """Cosine of the angle between the normals of a point and of the plane that it lies on: when one of its points stands
 for the plane, when it is fitted, and when what it holds is taken for background, ..."""
-CLOSE, LOOSE = 0.7, 1.5
-"""... where points nearer than this share of the tolerance are held whatever their normals, and so far off are held."""
+LOOSE, CLOSE = 1.5, 0.7
+"""... which it holds to so many times the tolerance, and whatever their normals within that share of it."""
 LEAST_ON_PIECE = 20
 """Points that a piece of a plane holds at least."""
 LESS_WIDE, LONG = 0.6, 3.0
-"""A piece that spreads at least this share of what is wide is wide too, if it spreads so many times it lengthwise."""
+"""A piece is wide too if it spreads this share of what it should, but lengthwise so many times that."""
 
 
 @dataclass(frozen=True)

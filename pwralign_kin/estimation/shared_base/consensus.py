@@ -54,7 +54,7 @@ def consensus(model: ArticulatedModel, alone: list[SearchedScan], options: Seque
     cannot are searched again with that base known.
     """
     offered = _offered(alone, model.diagonal)
-    pulled = [[_pulled(scan, scan.finished, base) for scan in alone] for base in offered]
+    pulled = [[_pulled(searched, searched.finished, base) for searched in alone] for base in offered]
     best: Consensus | None = None
     for choice in np.argsort([-_total(starts) for starts in pulled], kind="stable")[:SEARCHED_AGAIN]:
         agreed = _agreed(model, alone, options, offered[choice], pulled[choice])
@@ -69,7 +69,7 @@ def consensus(model: ArticulatedModel, alone: list[SearchedScan], options: Seque
 def _offered(alone: list[SearchedScan], diagonal: float) -> list[Array]:
     """Return the bases (4, 4) in the common frame of the best answers, those that fit best first."""
     offered: list[Array] = []
-    for i in np.argsort([-scan.finished.scores[0] for scan in alone], kind="stable"):
+    for i in np.argsort([-searched.finished.scores[0] for searched in alone], kind="stable"):
         base = _observation(alone[i]).to_scan(alone[i].finished.bases[0])
         if len(offered) < TRIED and all(_apart(base, other, diagonal) for other in offered):
             offered.append(base)
