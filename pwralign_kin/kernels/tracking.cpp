@@ -173,7 +173,8 @@ template <typename Number> void Tracking::look(const Number *depth, const Pinhol
         const float z = float(depth[int64_t(row) * view.width + column]) * scale;
         return z > 0 && std::isfinite(z) ? z : 0.f;
     };
-    // Whether a pixel lies at a depth edge across it and goes on with neither surface as that slopes.
+    // Whether a pixel lies at a depth edge along a row or column, and neither neighbour's surface goes on to it as it
+    // slopes.
     auto mixes = [&](float z, int row, int column, int down, int right) {
         const float before = at(row - down, column - right), after = at(row + down, column + right);
         auto jumps = [](float a, float b) { return a > 0 && b > 0 && std::abs(a - b) >= depth_edge; };
