@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (2.99, 3.93, 2.13, 0.08, -1.77, -2.04, -4.08)
+PRESENT = (2.56, 3.73, 1.4, 0.18, -1.83, -2.09, -4.61)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
 RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-Both by `pwralign_kin.benchmark.calibration.fitted`: the first to most of the scans of `python scripts/benchmark.py
---table confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
+Both by `pwralign_kin.benchmark.calibration`: the first to the answers of `python scripts/benchmark.py --table
+confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
 are. The table shows what it finds beside these."""
 MOST_UNLIKE = 0.2
 """Share of strange and astray points from which more tells no more: fused meshes, and sensors that bend surfaces, make
