@@ -33,8 +33,9 @@ AT_LIMIT = 1e-6
 GAP = float(np.radians(90.0))
 """Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
 TURNS, HELD = 3, 0.01
-"""How often in a row an answer to a scene is repaired at the end, as long as that gains, and how far (model diagonals)
-most of its surface may move meanwhile: it is limbs that are repaired, and another answer has lost already."""
+"""How often in a row a mended answer, or one to a scene, is repaired at the end, as long as that gains, and how far
+(model diagonals) most of a scene's answer may move meanwhile: it is limbs that are repaired, and another answer has
+lost already."""
 
 
 def contested(

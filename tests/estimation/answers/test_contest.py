@@ -81,3 +81,16 @@ def test_votes_about_parts_off_their_points_are_cast_as_the_options_say(
     options = replace(options, repair=replace(options.repair, votes=VoteOptions(starts=3)))
     contested(searched.solver, *2 * [searched.finished.take([0])], options)
     assert mended.call_args.args[-1].starts == 3
+
+
+def test_what_mending_leaves_off_its_points_is_repaired_and_mended_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, truth = swivel(tmp_path, -1.0, 1.0), pk.State(np.eye(4), {"turn": 0.0})
+    searched = searched_near(model, truth)
+    half = held_at(searched, model, truth, 0.2)
+    mended = mock.Mock(side_effect=[half, None])
+    monkeypatch.setattr(contest, "mended", mended)
+    better = against_rivals(searched, held_at(searched, model, truth, 0.4))
+    assert better is not None and mended.call_count == 2
+    assert better.values[0, 0] == pytest.approx(0.0, abs=0.02)
