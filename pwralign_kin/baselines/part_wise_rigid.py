@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Seed, Share
 from pwralign_kin.estimation.knowledge.correspondences import fpfh
-from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan

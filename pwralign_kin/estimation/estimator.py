@@ -28,7 +28,8 @@ from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import Observation, observe, without_far_points
+from pwralign_kin.estimation.sensing.observation import Observation
+from pwralign_kin.estimation.sensing.preparation import observe, without_far_points
 from pwralign_kin.estimation.sensing.scene import SceneSetup, is_scene, observe_scene
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting
 from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, Judged, SearchedScan, Suppositions

@@ -17,7 +17,7 @@ from pwralign_kin.estimation.search.reinterpretation import ReinterpretationOpti
 from pwralign_kin.estimation.search.repair import RepairOptions
 from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
-from pwralign_kin.estimation.sensing.scene import SceneOptions
+from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 from pwralign_kin.exceptions import OptionError, UnknownNameError
 from pwralign_kin.read_only import ReadOnlyDict
 from pwralign_kin.state import checked_joints

@@ -19,8 +19,8 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import BasePrior
 from pwralign_kin.estimation.reporting import state_of
 from pwralign_kin.estimation.result import Estimate
-from pwralign_kin.estimation.sensing.observation import was_prepared, without_far_points
 from pwralign_kin.estimation.sensing.picture import borders_of
+from pwralign_kin.estimation.sensing.preparation import was_prepared, without_far_points
 from pwralign_kin.estimation.sensing.scene import surroundings_of
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
 from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, SearchedScan, Suppositions

@@ -14,7 +14,8 @@ from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, S
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, Room, SimulatedScan, simulate_scene
 
 GRIPPER = """  <link name="jaw">

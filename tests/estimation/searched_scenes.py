@@ -11,7 +11,8 @@ from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.sensing.scene import SceneOptions, SceneSetup, observe_scene
+from pwralign_kin.estimation.sensing.scene import SceneSetup, observe_scene
+from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 from pwralign_kin.se3 import transform
 from pwralign_kin.simulation import SimulatedScan
 

@@ -17,7 +17,8 @@ from pwralign_kin.arrays import Bools, Ints, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.search_options import BAND, SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.sensing.observation import ALL_SIDES, ONE_SIDE, Observation, median
+from pwralign_kin.estimation.sensing.observation import ALL_SIDES, ONE_SIDE, Observation
+from pwralign_kin.estimation.sensing.points import median
 from pwralign_kin.model.surface import Surface, part_weights, total_area
 from pwralign_kin.se3 import Array, transform
 

@@ -16,7 +16,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.doubt.uncertainty import POINTS_AS_ONE, PROBE_SLIDE, PROBE_TURN, Errors
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
-from pwralign_kin.estimation.sensing.observation import at_most
+from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, inverse
 
 MOST_STD = 3.0

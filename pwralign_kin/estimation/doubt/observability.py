@@ -28,7 +28,7 @@ from pwralign_kin.estimation.doubt.uncertainty import (
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.estimation.sensing.observation import at_most
+from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, exp, inverse
 
 FEW_POINTS = 500

@@ -13,8 +13,9 @@ from pwralign_kin.estimation.comparison.continuation import continued, continued
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
 from pwralign_kin.estimation.comparison.search_options import BAND
 from pwralign_kin.estimation.evidence.other_size import SAME_SIZE
-from pwralign_kin.estimation.sensing.observation import ONE_SIDE, median
+from pwralign_kin.estimation.sensing.observation import ONE_SIDE
 from pwralign_kin.estimation.sensing.patches import patches
+from pwralign_kin.estimation.sensing.points import median
 
 LEAST_POINTS = 8
 """Scan points that a part must explain to count as seen, ..."""

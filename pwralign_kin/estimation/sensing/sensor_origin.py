@@ -6,7 +6,8 @@ import numpy as np
 
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Ints, Singles
-from pwralign_kin.estimation.sensing.observation import at_most, common_origin, median, sixth_neighbour
+from pwralign_kin.estimation.sensing.points import at_most, median, sixth_neighbour
+from pwralign_kin.estimation.sensing.viewpoints import common_origin
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 

@@ -15,7 +15,8 @@ from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, S
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.voting import VoteOptions
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, Sensor
 
 BALL = """

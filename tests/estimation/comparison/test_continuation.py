@@ -14,7 +14,8 @@ from pwralign_kin.estimation.comparison.continuation import best_priced, continu
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 
 PLATE = """<robot name="plate"><link name="plate">
 <visual><geometry><box size="0.6 0.4 0.02"/></geometry></visual>

@@ -14,7 +14,8 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import REMEMBERED, ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.simulation import TIERS, SimulatedScan
 

@@ -15,7 +15,8 @@ from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import Evidence, _distinctness, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 

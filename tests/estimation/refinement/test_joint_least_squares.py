@@ -21,7 +21,8 @@ from pwralign_kin.estimation.refinement.joint_least_squares import (
     bounded_step,
     inverse_of,
 )
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 SIGMA = 0.005

@@ -16,7 +16,8 @@ from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.repair import RepairOptions, repair_moves
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS
 
 NONE = np.zeros(1, np.float32)

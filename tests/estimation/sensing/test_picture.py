@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.picture import borders_of
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.se3 import Array
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0

@@ -12,7 +12,8 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
-from pwralign_kin.estimation.sensing.scene import SceneOptions, close_up, is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.sensing.scene import close_up, is_scene, observe_scene, surroundings_of
+from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import TIERS, SimulatedScan

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
-from pwralign_kin.estimation.sensing.observation import (
-    Observation,
-    ObservationOptions,
-    at_most,
-    median,
-    observe,
-)
+from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
+from pwralign_kin.estimation.sensing.points import at_most, median
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
 
