@@ -6,6 +6,7 @@ import numpy as np
 
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Ints, Singles
+from pwralign_kin.estimation.sensing.field import PreparedPoints, SeenSpace, field_of
 from pwralign_kin.estimation.sensing.noise import noise_of
 from pwralign_kin.estimation.sensing.normals import facing, normals_of, oriented_normals
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS, NO_BORDERS, Observation, ObservationOptions
@@ -43,16 +44,11 @@ def observe(
     raw = np.ascontiguousarray((scan.points - centre) / diagonal, np.float32)
     points, cell = _cells(scan, raw, diagonal, options)
     origin = common_origin(scan, centre, diagonal)
-    plane = (
-        wide_plane(raw, options, options.plane_spread, threads) if options.remove_planes and origin is None else None
-    )
-    if plane is not None:
-        cells, noise = len(points), noise_of(at_most(raw, options.most_raw), threads)
-        raw = _without_plane(raw, *plane, max(1.2 * options.plane_tolerance, 3.0 * noise))
-        points, _, cell = kernels.voxel_means(raw, options.voxel)
-        if len(points) < max(LEAST_POINTS, LEAST_BESIDE * cells):
-            few = f"{len(points)} of {cells} cells of {100 * options.voxel:g}% of the model"
-            raise ScanError(scan.source, f"it is of a plane wider than the model, and beside that fills only {few}")
+    if options.remove_planes and origin is None:
+        plane = wide_plane(raw, options, options.plane_spread, threads)
+        if plane is not None:
+            raw = _beside(raw, *plane, options, threads)
+            points, cell = _cells_beside(scan, raw, len(points), options)
     points, spacing = _without_strays(points, options, threads)
     noise = noise_of(at_most(raw, options.most_raw), threads)
     normals, gap = normals_of(points, noise, spacing, options, threads)
@@ -63,27 +59,9 @@ def observe(
         points, normals = np.ascontiguousarray(points[faced]), np.ascontiguousarray(normals[faced])
     elif turned is not None:
         normals = np.where(turned[:, None], -normals, normals)
-    count = len(points)
-    weights, areas, regions = np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32)
-    pixel = depth_pixel(gap, options)
-    borders = NO_BORDERS if borders is None else borders
-    field = kernels.ScanField(
-        points=points,
-        normals=normals,
-        weights=weights,
-        areas=areas,
-        regions=regions,
-        cell=options.field_cell,
-        truncation=options.field_truncation,
-        sensor_origin=[] if origin is None else [float(v) for v in origin],
-        depth_points=raw if origin is not None else np.zeros((0, 3), np.float32),
-        borders=borders,
-        pixel=pixel,
-        tolerance=options.depth_tolerance,
-        shadow=options.shadow,
-        unreturned=1.0,
-        threads=threads,
-    )
+    prepared = PreparedPoints.all_alike(points, normals)
+    seen = SeenSpace(raw, origin, depth_pixel(gap, options), NO_BORDERS if borders is None else borders)
+    field = field_of(prepared, seen, options, threads)
     given, given_normals = as_given(raw, cell, field, normals, options)
     return Observation(
         points=points,
@@ -91,18 +69,18 @@ def observe(
         raw=at_most(raw, options.most_raw),
         given=given,
         given_normals=given_normals,
-        weights=weights,
-        areas=areas,
-        regions=regions,
+        weights=prepared.weights,
+        areas=prepared.areas,
+        regions=prepared.regions,
         scene=False,
         spacing=spacing,
         noise=noise,
-        depth_pixel=pixel,
+        depth_pixel=seen.pixel,
         sensor_origin=origin,
         field=field,
         centre=centre,
         diagonal=diagonal,
-        borders=borders,
+        borders=seen.borders,
     )
 
 
@@ -183,9 +161,23 @@ def _nearby(options: ObservationOptions) -> float:
     return 2 * options.voxel
 
 
-def _without_plane(points: Singles, centre: Singles, normal: Singles, distance: float) -> Singles:
-    """Remove what is no farther than `distance` from a plane."""
-    return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > distance])
+def _beside(points: Singles, centre: Singles, normal: Singles, options: ObservationOptions, threads: int) -> Singles:
+    """Return the points that are not of the plane with this centre (3,) and unit normal (3,), however noisy it is."""
+    noise = noise_of(at_most(points, options.most_raw), threads)
+    thickness = max(1.2 * options.plane_tolerance, 3.0 * noise)
+    return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > thickness])
+
+
+def _cells_beside(scan: Scan, raw: Singles, whole: int, options: ObservationOptions) -> tuple[Singles, Ints]:
+    """Return the `_cells` of what is left of a scan beside a wide plane; `whole` is how many they were with it.
+
+    Raises `ScanError` for a scan of the plane alone.
+    """
+    points, _, cell = kernels.voxel_means(raw, options.voxel)
+    if len(points) < max(LEAST_POINTS, LEAST_BESIDE * whole):
+        few = f"{len(points)} of {whole} cells of {100 * options.voxel:g}% of the model"
+        raise ScanError(scan.source, f"it is of a plane wider than the model, and beside that fills only {few}")
+    return points, cell
 
 
 def _without_strays(points: Singles, options: ObservationOptions, threads: int) -> tuple[Singles, float]:

@@ -14,9 +14,10 @@ import numpy as np
 
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Indices, Ints, Singles
+from pwralign_kin.estimation.sensing.field import PreparedPoints, SeenSpace, field_of
 from pwralign_kin.estimation.sensing.noise import noise_of
 from pwralign_kin.estimation.sensing.normals import facing, normals_of, oriented_normals
-from pwralign_kin.estimation.sensing.observation import NO_BORDERS, Observation, ObservationOptions
+from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
 from pwralign_kin.estimation.sensing.planes import Cloud, Size, wide_plane, wide_planes
 from pwralign_kin.estimation.sensing.points import at_most, median, sixth_neighbour
 from pwralign_kin.estimation.sensing.preparation import as_given, bulk, depth_pixel, without_far_points
@@ -123,9 +124,8 @@ def close_up(
     """Return the `chosen` points (m,) of a scene as a scan of the model alone, of which the scene still tells hidden
     from free space."""
     points, normals = np.ascontiguousarray(scene.points[chosen]), np.ascontiguousarray(scene.normals[chosen])
-    count = len(points)
-    kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
-    seen = _Seen(scene.raw, scene.sensor_origin, scene.depth_pixel)
+    kept = PreparedPoints.all_alike(points, normals)
+    seen = SeenSpace(scene.raw, scene.sensor_origin, scene.depth_pixel)
     field = _field(kept, seen, preparing, options, threads)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
@@ -203,8 +203,8 @@ def _observed(cells: _Cells, region: Indices, planes: Bools, setup: SceneSetup) 
     pixel = depth_pixel(gap, preparing)
     if cells.origin is not None:
         pixel = max(pixel, _ray_pixel(cells.raw, points[regions >= 0], cells.origin, threads))
-    seen = _Seen(cells.raw, cells.origin, pixel)
-    field = _field(_Kept(points, normals, weights, areas, regions), seen, preparing, options, threads)
+    seen = SeenSpace(cells.raw, cells.origin, pixel)
+    field = _field(PreparedPoints(points, normals, weights, areas, regions), seen, preparing, options, threads)
     of_model = np.zeros(len(cells.points), bool)
     of_model[kept[~planes[kept]]] = True
     mine = of_model[cells.of_point]
@@ -229,31 +229,8 @@ def _observed(cells: _Cells, region: Indices, planes: Bools, setup: SceneSetup) 
     )
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """The points of a scene that are kept, as `Observation` holds them."""
-
-    points: Singles
-    normals: Singles
-    weights: Singles
-    areas: Singles
-    regions: Ints
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """All that was seen of a scene: it tells free from hidden space."""
-
-    points: Singles
-    """(n, 3)"""
-    origin: Singles | None
-    """(3,) where from, else None."""
-    pixel: float
-    """`Observation.depth_pixel`"""
-
-
 def _field(
-    kept: _Kept, seen: _Seen, preparing: ObservationOptions, options: SceneOptions, threads: int
+    kept: PreparedPoints, seen: SeenSpace, preparing: ObservationOptions, options: SceneOptions, threads: int
 ) -> kernels.ScanField:
     """Return the field of the points that are kept, in what was seen."""
     cell, pixel = preparing.field_cell, seen.pixel
@@ -263,23 +240,8 @@ def _field(
         # The pixels of the depth image are stated at the mean range of all points, but matter where the search is.
         searched = float(np.median(np.linalg.norm(kept.points[kept.regions >= 0] - seen.origin, axis=1)))
         pixel *= float(np.linalg.norm(seen.points.mean(axis=0) - seen.origin)) / searched
-    return kernels.ScanField(
-        points=kept.points,
-        normals=kept.normals,
-        weights=kept.weights,
-        areas=kept.areas,
-        regions=kept.regions,
-        cell=cell,
-        truncation=preparing.field_truncation,
-        sensor_origin=[] if seen.origin is None else [float(v) for v in seen.origin],
-        depth_points=seen.points if seen.origin is not None else np.zeros((0, 3), np.float32),
-        borders=NO_BORDERS,
-        pixel=pixel,
-        tolerance=preparing.depth_tolerance,
-        shadow=preparing.shadow,
-        unreturned=options.unreturned,
-        threads=threads,
-    )
+    where_searched = replace(seen, pixel=pixel)
+    return field_of(kept, where_searched, preparing, threads, cell=cell, unreturned=options.unreturned)
 
 
 def _ray_pixel(seen: Singles, searched: Singles, origin: Singles, threads: int) -> float:
