@@ -66,7 +66,9 @@ Wrong = Callable[[Any, Any, Any], object]
         lambda m, s, e: pk.Sensor(noise=None),
         lambda m, s, e: pk.Sensor(distance=(1.0, "far")),
         lambda m, s, e: pk.Sensor(distance=3.0),
-        lambda m, s, e: pk.DepthFrame(np.ones((4, 4)), (1, 1, 1, 1), scale="x"),
+        lambda m, s, e: pk.DepthFrame(np.ones((4, 4)), (1, 1, 1, 1), depth_scale="x"),
+        lambda m, s, e: pk.Scan.from_depth(np.ones((4, 4)), (1, 1, 1, 1), depth_scale="x"),
+        lambda m, s, e: pk.Scan.from_depth([[1.0, 1.0], [1.0]], (1, 1, 1, 1)),
         lambda m, s, e: pk.BasePrior(translation_std="a"),
         lambda m, s, e: pk.simulate(m, sensor={}),
         lambda m, s, e: pk.simulate(m, state={}),
@@ -133,7 +135,7 @@ def test_a_line_tells_a_state_and_a_result(seen: SimulatedScan, found: pk.Estima
 
 def test_a_line_tells_a_model_and_a_frame(model: pk.ArticulatedModel, seen: SimulatedScan, found: pk.Estimate) -> None:
     assert repr(model) == "ArticulatedModel(laptop: 2 parts, 0.397 m; lid_hinge 0..2.36 rad)"
-    depth = pk.DepthFrame(np.ones((3, 4), np.uint16), (100.0, 100.0, 2.0, 1.5), scale=0.001)
+    depth = pk.DepthFrame(np.ones((3, 4), np.uint16), (100.0, 100.0, 2.0, 1.5), depth_scale=0.001)
     assert repr(depth) == "DepthFrame(depth image: 4 x 3 uint16 pixels, focal length 100)"
     tracked = pk.Tracker(model, initial=found.state).update(seen.scan, 0.5)
     assert repr(tracked).startswith("TrackedFrame(0.5 s: confidence") and repr(tracked).endswith(f"{tracked.state!r})")

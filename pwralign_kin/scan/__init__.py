@@ -2,7 +2,8 @@
 
 from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.frames import read_frames
-from pwralign_kin.scan.scan import METRES, DepthCamera, Scan
+from pwralign_kin.scan.pinhole import DepthCamera
+from pwralign_kin.scan.scan import METRES, Scan
 from pwralign_kin.scan.timed_frame import FrameOptions
 from pwralign_kin.scan.units import check_named_unit, check_units, likely_unit, warn_of_rounding
 from pwralign_kin.scan.writers import write_ply

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pwralign_kin.dependencies import rosbags
 from pwralign_kin.exceptions import ScanError, UnknownNameError
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.scan import checked_intrinsics, cloud_frame
+from pwralign_kin.scan.pinhole import checked_intrinsics
+from pwralign_kin.scan.scan import cloud_frame
 from pwralign_kin.scan.timed_frame import FrameOptions, TimedFrame
 
 logger = logging.getLogger(__name__)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.files import check_path
-from pwralign_kin.scan.scan import Scan, checked_intrinsics
+from pwralign_kin.scan.pinhole import checked_depth, checked_intrinsics
+from pwralign_kin.scan.scan import Scan
 from pwralign_kin.se3 import Array, checked_placement
 
 MILLIMETRES = 0.001
@@ -28,7 +28,7 @@ class DepthFrame:
     """
 
     depth: NDArray[Any]
-    """(h, w) distance along the optical axis: floats in m, or integers in units of `scale`; 0: no return."""
+    """(h, w) distance along the optical axis: floats in m, or integers in units of `depth_scale`; 0: no return."""
 
     intrinsics: Array
     """(3, 3) matrix K, or (fx, fy, cx, cy), pixels; becomes the matrix."""
@@ -36,7 +36,7 @@ class DepthFrame:
     T_scan_camera: Array = field(default_factory=lambda: np.eye(4))
     """(4, 4) placement of the camera (x right, y down, z forward) in the scan frame, m."""
 
-    scale: float | None = None
+    depth_scale: float | None = None
     """m per unit of `depth`; 0.001 for millimetres. Integers need it, floats are in m without it."""
 
     source: Path | str = "depth image"
@@ -44,15 +44,7 @@ class DepthFrame:
 
     def __post_init__(self) -> None:
         """Check the fields; floats become single precision, integers 16 bits."""
-        depth = np.asarray(self.depth)
-        if depth.ndim != 2 or depth.dtype.kind not in "fiu" or depth.size == 0:
-            raise ScanError(
-                self.source, f"depth must be a numeric image (h, w), got shape {depth.shape} of {depth.dtype}"
-            )
-        if self.scale is None and depth.dtype.kind != "f":
-            raise ScanError(self.source, "integer depth needs scale, metres per unit (0.001 for millimetres)")
-        if not (isinstance(self.metres, Real) and np.isfinite(self.metres) and self.metres > 0.0):
-            raise ScanError(self.source, f"the scale of the depth must be positive, got {self.scale}")
+        depth, _ = checked_depth(self.depth, self.depth_scale, str(self.source))
         compact = depth.dtype if depth.dtype in (np.uint16, np.float32) else np.dtype(np.float32)
         object.__setattr__(self, "depth", np.ascontiguousarray(depth, compact))
         object.__setattr__(self, "intrinsics", checked_intrinsics(self.intrinsics, str(self.source)))
@@ -64,7 +56,7 @@ class DepthFrame:
         path: Path | str,
         intrinsics: ArrayLike | None,
         T_scan_camera: ArrayLike | None = None,
-        scale: float = MILLIMETRES,
+        depth_scale: float = MILLIMETRES,
     ) -> DepthFrame:
         """Read a PNG image of one channel of 16 bits; the arguments are the fields.
 
@@ -87,7 +79,7 @@ class DepthFrame:
         if not mode.startswith("I"):
             raise ScanError(path, f"a depth image has one channel of 16 bits, this one is of mode {mode}")
         T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
-        return cls(depth.astype(np.uint16), checked_intrinsics(intrinsics, str(path)), T, scale, path)
+        return cls(depth.astype(np.uint16), checked_intrinsics(intrinsics, str(path)), T, depth_scale, path)
 
     def __repr__(self) -> str:
         """Return one line: source, pixels, focal length (pixels)."""
@@ -98,10 +90,10 @@ class DepthFrame:
     @property
     def metres(self) -> float:
         """What multiplies `depth` to make it metres."""
-        return 1.0 if self.scale is None else self.scale
+        return 1.0 if self.depth_scale is None else self.depth_scale
 
     def to_scan(self) -> Scan:
         """Return the points of all pixels with a return. Raises `ScanError` where there are too few."""
         return Scan.from_depth(
-            self.depth, self.intrinsics, self.T_scan_camera, depth_scale=self.scale, source=self.source
+            self.depth, self.intrinsics, self.T_scan_camera, depth_scale=self.depth_scale, source=self.source
         )

@@ -15,7 +15,8 @@ from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.scan import readers
 from pwralign_kin.scan.bags import read_bag
 from pwralign_kin.scan.depth import DepthFrame
-from pwralign_kin.scan.scan import Scan, checked_intrinsics, cloud_frame
+from pwralign_kin.scan.pinhole import checked_intrinsics
+from pwralign_kin.scan.scan import Scan, cloud_frame
 from pwralign_kin.scan.timed_frame import FrameOptions, TimedFrame
 from pwralign_kin.se3 import Array
 

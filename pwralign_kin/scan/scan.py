@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -17,6 +16,7 @@ from pwralign_kin import kernels
 from pwralign_kin.exceptions import EmptyScanError, ScanError
 from pwralign_kin.read_only import ReadOnly, read_only
 from pwralign_kin.scan import readers
+from pwralign_kin.scan.pinhole import DepthCamera, checked_depth, checked_intrinsics
 from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
@@ -38,25 +38,6 @@ them."""
 ROUNDED_SAMPLE, LEAST_VALUES, OFF_STEP = 2000, 20, 0.01
 """The step of rounded coordinates is told from so many points; an axis tells it with at least so many values whose
 distances are multiples of the least, up to this share of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class DepthCamera(ReadOnly):
-    """The pinhole camera of a depth image. What lies outside its image was not looked at: unknown, not
-    free."""
-
-    intrinsics: Array
-    """(3, 3) matrix from camera coordinates (x right, y down, z forward) to pixels; integers are pixel
-    centres."""
-
-    width: int
-    """Columns of the image."""
-
-    height: int
-    """Rows of the image."""
-
-    T_scan_camera: Array
-    """(4, 4) placement of the camera in the scan frame, translation in m."""
 
 
 class Scan(ReadOnly):
@@ -170,15 +151,7 @@ class Scan(ReadOnly):
         Raises `ScanError` for wrong shapes or numbers, `StateError` for a `T_scan_camera` that is not rigid.
         """
         word = str(source)
-        raw = np.asarray(depth)
-        if raw.ndim != 2 or raw.dtype.kind not in "fiu":
-            raise ScanError(word, f"depth must be a numeric image (h, w), got shape {raw.shape} of {raw.dtype}")
-        if depth_scale is None:
-            if raw.dtype.kind != "f":
-                raise ScanError(word, "integer depth needs depth_scale, in m per unit: 0.001 for millimetres")
-            depth_scale = 1.0
-        if not (np.isfinite(depth_scale) and depth_scale > 0.0):
-            raise ScanError(word, f"depth_scale must be positive, got {depth_scale}")
+        raw, metres = checked_depth(depth, depth_scale, word)
         used = np.ones(raw.shape, dtype=bool) if mask is None else np.asarray(mask)
         if used.shape != raw.shape:
             raise ScanError(word, f"mask has the shape {used.shape}, depth {raw.shape}")
@@ -186,7 +159,7 @@ class Scan(ReadOnly):
         T = np.eye(4) if T_scan_camera is None else checked_placement(T_scan_camera, "T_scan_camera")
 
         height, width = raw.shape
-        distance = raw.astype(np.float64) * depth_scale
+        distance = raw.astype(np.float64) * metres
         with np.errstate(invalid="ignore"):
             returned = np.isfinite(distance) & (distance > 0.0) & used.astype(bool)
         if not returned.any():
@@ -354,21 +327,6 @@ def _step(values: Array) -> float:
     gaps = np.diff(values)
     multiples = gaps / gaps.min()
     return float(gaps.min()) if (np.abs(multiples - np.round(multiples)) < OFF_STEP).all() else exact
-
-
-def checked_intrinsics(intrinsics: ArrayLike, word: str) -> Array:
-    """Return the (3, 3) camera matrix of `intrinsics`, which is one already or (fx, fy, cx, cy)."""
-    try:
-        K = as_floats(intrinsics)
-    except (TypeError, ValueError):
-        K = np.empty(0)
-    if K.shape == (4,):
-        fx, fy, cx, cy = K
-        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    valid = K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0
-    if not valid or not np.allclose(K[2], [0.0, 0.0, 1.0]) or K[1, 0] != 0.0:
-        raise ScanError(word, "intrinsics must be (fx, fy, cx, cy) or a 3x3 camera matrix, with positive focal lengths")
-    return K
 
 
 def cloud_frame(points: ArrayLike, sensor_origin: ArrayLike | None, source: str) -> Scan | Array:

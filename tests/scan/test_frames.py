@@ -57,7 +57,7 @@ def test_sequences_in_one_file(tmp_path: Path) -> None:
     depth = np.random.default_rng(0).uniform(1.0, 2.0, (2, 10, 20))
     np.savez(path, depth=depth, intrinsics=CAMERA)
     images = [frame for _, frame in read_frames([path])]
-    assert all(isinstance(image, DepthFrame) and image.scale == 1.0 for image in images)
+    assert all(isinstance(image, DepthFrame) and image.depth_scale == 1.0 for image in images)
 
 
 def test_a_file_that_is_one_scan_is_one_frame(tmp_path: Path) -> None:
@@ -118,8 +118,8 @@ def test_what_is_no_frame(tmp_path: Path) -> None:
         FrameOptions(rate=0.0)
     with pytest.raises(ScanError, match=r"\(h, w\)"):
         DepthFrame(np.ones(5), np.array(CAMERA))
-    with pytest.raises(ScanError, match="scale"):
-        DepthFrame(np.ones((5, 5)), np.array(CAMERA), scale=0.0)
+    with pytest.raises(ScanError, match="depth_scale"):
+        DepthFrame(np.ones((5, 5)), np.array(CAMERA), depth_scale=0.0)
     with pytest.raises(ScanError, match="millimetres"):
         DepthFrame(np.ones((5, 5), np.uint16), np.array(CAMERA))
     with pytest.raises(StateError, match="T_scan_camera"):

@@ -52,7 +52,7 @@ def test_scans_and_bare_points_serve_as_frames(arm: pk.ArticulatedModel, moving:
 
 def test_integer_depth_is_the_same_as_metres(arm: pk.ArticulatedModel, moving: Frames) -> None:
     image = moving[0].images[0]
-    integer = replace(image, depth=np.round(image.depth * 10_000).astype(np.uint16), scale=1e-4)
+    integer = replace(image, depth=np.round(image.depth * 10_000).astype(np.uint16), depth_scale=1e-4)
     states = [pk.Tracker(arm, initial=moving[0].state).update(one, 0.0).state for one in (image, integer)]
     np.testing.assert_allclose(states[0].T_scan_base, states[1].T_scan_base, atol=1e-3)
 

@@ -12,7 +12,7 @@ from pwralign_kin import kernels
 from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.sensing.observation import NO_BORDERS, Observation
 from pwralign_kin.scan import Scan
-from pwralign_kin.scan.scan import DepthCamera
+from pwralign_kin.scan.pinhole import DepthCamera
 from pwralign_kin.se3 import Array, axes_across
 
 TOUCHED = 1.5
