@@ -1,4 +1,4 @@
-"""Rigid placements as (4, 4) arrays: exponential, and the one place where quaternion order is converted.
+"""Rigid placements as (4, 4) arrays: made, taken apart and checked; the one place where quaternion order is converted.
 
 `T_a_b` maps coordinates of frame b into frame a. Twists are (6,): rotation vector first, then translation.
 Quaternions are xyzw everywhere in this package (as in Pinocchio, SciPy and ROS).
@@ -53,10 +53,11 @@ def transform(T: Array, points: Array) -> Array:
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
-def exp(twist: Array) -> Array:
+def from_twist(twist: Array) -> Array:
     """Return the placements (..., 4, 4) reached by rotating by `twist[..., :3]` (rad) and translating by the rest.
 
-    Rotation and translation are decoupled (R = exp(w), t = v): the retraction of the least-squares steps.
+    Rotation and translation are decoupled (R = exp(w), t = v): the retraction of the least-squares steps, not the
+    exponential map of SE(3).
     """
     T = np.zeros((*twist.shape[:-1], 4, 4))
     angle = np.linalg.norm(twist[..., :3], axis=-1)

@@ -40,7 +40,7 @@ def in_words_of_truth(ruler: Ruler, reference: Reference, answer: State) -> Stat
     for _ in range(_ITERATIONS):
         step = _step(ruler, reference, surface, base, values)
         base[:3, 3] += step[3:6] * model.diagonal
-        base[:3, :3] = se3.exp(step[:6])[:3, :3] @ base[:3, :3]
+        base[:3, :3] = se3.from_twist(step[:6])[:3, :3] @ base[:3, :3]
         values = values + step[6:] * model.joint_scales
         if np.abs(step).max() < _TOLERANCE:
             break

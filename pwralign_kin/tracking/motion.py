@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.se3 import Array, exp, rotation_vector
+from pwralign_kin.se3 import Array, from_twist, rotation_vector
 
 MEMORY = 0.15
 """Time constant (s) in which an unseen motion comes to rest."""
@@ -71,7 +71,7 @@ class BelievedMotion:
         blind = self.time - self.seen
         # A speed fades while it is unseen; integrated over the step.
         fade = np.exp(-blind / MEMORY)
-        step = exp(fade[:6] * ahead * self.twist)
+        step = from_twist(fade[:6] * ahead * self.twist)
         T_scan_base = self.T_scan_base.copy()
         T_scan_base[:3, :3] = step[:3, :3] @ T_scan_base[:3, :3]
         T_scan_base[:3, 3] += step[:3, 3]

@@ -87,7 +87,7 @@ def test_openings_are_measured_at_the_joints(arm: ArticulatedModel) -> None:
     tilted = np.eye(4)
     tilted[:3, :3] = se3.rotation_about(np.array([1.0, 0.0, 0.0]), 0.2)
     torn[names.index("arm")] = torn[names.index("arm")] @ tilted
-    torn[names.index("slider")] = torn[names.index("slider")] @ se3.exp(np.array([0, 0, 0, 0.07, 0.02, 0]))
+    torn[names.index("slider")] = torn[names.index("slider")] @ se3.from_twist(np.array([0, 0, 0, 0.07, 0.02, 0]))
     opened = openings(arm, torn)
     assert opened["swing"].gap == pytest.approx(0.05) and opened["swing"].tilt == pytest.approx(0.2)
     assert opened["slide"].gap == pytest.approx(0.02)  # along the slide nothing opens

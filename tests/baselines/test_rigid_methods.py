@@ -16,9 +16,9 @@ from pwralign_kin.baselines.rigid_gicp import rigid_gicp
 from pwralign_kin.benchmark.chains import knobbly
 from pwralign_kin.exceptions import DependencyError, ScanError
 
-FAR = se3.exp(np.array([0.7, -1.9, 0.4, 2.0, -1.0, 0.5]))
-ASIDE = se3.exp(np.array([0.3, -0.2, 0.25, 0.1, -0.1, 0.05]))
-NEAR = se3.exp(np.array([0.04, -0.03, 0.05, 0.02, -0.01, 0.02]))
+FAR = se3.from_twist(np.array([0.7, -1.9, 0.4, 2.0, -1.0, 0.5]))
+ASIDE = se3.from_twist(np.array([0.3, -0.2, 0.25, 0.1, -0.1, 0.05]))
+NEAR = se3.from_twist(np.array([0.04, -0.03, 0.05, 0.02, -0.01, 0.02]))
 
 Method = Callable[[se3.Array, se3.Array], se3.Array]
 

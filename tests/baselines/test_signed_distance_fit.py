@@ -33,7 +33,8 @@ def test_jacobian_is_that_of_the_residuals(arm: ArticulatedModel) -> None:
 def test_a_guess_is_refined(arm: ArticulatedModel) -> None:
     points = np.array(simulate(arm, TRUTH, Sensor(points=3000)).scan.points)
     guess = State(
-        TRUTH.T_scan_base @ se3.exp(np.array([0.1, -0.1, 0.05, 0.02, 0.02, -0.02])), {"shoulder": 0.35, "elbow": -0.6}
+        TRUTH.T_scan_base @ se3.from_twist(np.array([0.1, -0.1, 0.05, 0.02, 0.02, -0.02])),
+        {"shoulder": 0.35, "elbow": -0.6},
     )
     found = signed_distance_fit(arm, points, guess)
     for name, value in TRUTH.joints.items():

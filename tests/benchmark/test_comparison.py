@@ -13,7 +13,7 @@ from pwralign_kin.benchmark.cases import Case, simulated_case
 from pwralign_kin.benchmark.metrics import Ruler
 from pwralign_kin.benchmark.peers import CONTENDERS, Contender, Placement, Run, Task
 from pwralign_kin.exceptions import DependencyError, ScanError
-from pwralign_kin.se3 import exp
+from pwralign_kin.se3 import from_twist
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def contenders(monkeypatch: pytest.MonkeyPatch) -> dict[str, Contender]:
 
 def test_order_and_verdicts(ruler: Ruler, case: Case, contenders: dict[str, Contender]) -> None:
     # With the joints of the guess at their true values the bent surface is right up to its offset.
-    known = replace(case, guess=replace(case.truth, T_scan_base=case.truth.T_scan_base @ exp(np.full(6, 0.1))))
+    known = replace(case, guess=replace(case.truth, T_scan_base=case.truth.T_scan_base @ from_twist(np.full(6, 0.1))))
     measured = comparison.compare([(ruler, known)], contenders, 3, 0, 1, lambda line: None)
     names = [own.method for own in measured]
     assert names == [*contenders, *[*contenders][1:], "default", *[*contenders][2:], *[*contenders][:2]]
@@ -101,7 +101,9 @@ def test_methods_stay_near_a_near_start(ruler: Ruler, monkeypatch: pytest.Monkey
     monkeypatch.setattr(coherent_point_drift, "SAMPLES", 150)
     monkeypatch.setattr(non_rigid_icp, "TRIANGLES", 400)
     scanned = simulated_case(ruler.model, "twins", "full", 0)
-    guess = replace(scanned.truth, T_scan_base=scanned.truth.T_scan_base @ exp(np.array([0.03, 0.03, 0, 0.01, 0, 0])))
+    guess = replace(
+        scanned.truth, T_scan_base=scanned.truth.T_scan_base @ from_twist(np.array([0.03, 0.03, 0, 0.01, 0, 0]))
+    )
     near = replace(scanned, guess=guess)
     task = Task(near, ruler, ruler.reference(near.truth, near.labels), 1)
     for name in SMALL:

@@ -22,7 +22,7 @@ Vector = tuple[float, float, float]
 
 
 def placed(T: se3.Array, shift: Vector = (0, 0, 0), turn: Vector = (0, 0, 0)) -> se3.Array:
-    return np.asarray(T @ se3.exp(np.array([*turn, *shift])))
+    return np.asarray(T @ se3.from_twist(np.array([*turn, *shift])))
 
 
 def test_a_turning_joint_holds_its_origin_and_axis(twins: ArticulatedModel, truth: State) -> None:

@@ -17,7 +17,9 @@ from pwralign_kin.state import State
 
 def test_displacement_is_the_mean_motion_of_the_surface(twins: ArticulatedModel, truth: State) -> None:
     assert tracking.displacement(twins, truth, truth) == pytest.approx(0.0, abs=1e-9)
-    shifted = State(se3.exp(np.array([0, 0, 0, 0.03, 0, 0.04])) @ truth.T_scan_base, truth.joints, truth.base_link)
+    shifted = State(
+        se3.from_twist(np.array([0, 0, 0, 0.03, 0, 0.04])) @ truth.T_scan_base, truth.joints, truth.base_link
+    )
     assert tracking.displacement(twins, shifted, truth) == pytest.approx(0.05)
 
 

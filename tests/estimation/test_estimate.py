@@ -21,7 +21,7 @@ from pwralign_kin.exceptions import (
     UnitError,
     UnknownNameError,
 )
-from pwralign_kin.se3 import exp
+from pwralign_kin.se3 import from_twist
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
 
@@ -331,7 +331,7 @@ def stone(tmp_path_factory: pytest.TempPathFactory) -> pk.ArticulatedModel:
 
 @pytest.mark.parametrize("guessed", [False, True])
 def test_a_model_without_joints_is_found(stone: pk.ArticulatedModel, guessed: bool) -> None:
-    T = exp(np.array([0.3, -0.5, 1.0, 0.2, 0.1, 0.7]))
+    T = from_twist(np.array([0.3, -0.5, 1.0, 0.2, 0.1, 0.7]))
     simulated = pk.simulate(stone, pk.State(T), seed=1)
     found = pk.estimate(stone, simulated.scan, initial=simulated.state if guessed else None)
     np.testing.assert_allclose(found.state.T_scan_base, T, atol=0.005)

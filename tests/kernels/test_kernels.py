@@ -199,10 +199,10 @@ def test_steps_around_points_are_even_and_along_the_surface() -> None:
 def test_placements_are_moved_by_twists_about_their_own_origin() -> None:
     random = np.random.default_rng(0)
     for size in (0.0, 1e-13, 0.1, 3.0):
-        placement = se3.exp(random.normal(size=6))
+        placement = se3.from_twist(random.normal(size=6))
         turn = random.normal(size=3)
         twist = np.append(size * turn / np.linalg.norm(turn), random.normal(size=3))
-        expected = se3.exp(twist)
+        expected = se3.from_twist(twist)
         expected[:3, :3] = expected[:3, :3] @ placement[:3, :3]
         expected[:3, 3] += placement[:3, 3]
         np.testing.assert_allclose(kernels.retracted(placement, twist), expected, atol=1e-12)
@@ -236,7 +236,7 @@ def test_closest_places_on_meshes_are_those_of_brute_force(threads: int) -> None
     # More than are looked at together, and one without a triangle.
     shapes = [trimesh.creation.icosphere(subdivisions=1, radius=0.15), trimesh.creation.box([0.3, 0.1, 0.05])]
     solids = [shapes[i % 2] for i in range(10)]
-    placements = se3.exp(random.uniform(-0.6, 0.6, (11, 6)))
+    placements = se3.from_twist(random.uniform(-0.6, 0.6, (11, 6)))
     points = random.uniform(-0.9, 0.9, (500, 3)).astype(np.float32)
     points[250:] = points[np.linspace(0, 40, 250).astype(int)] + random.normal(0, 0.02, (250, 3))  # neighbours in a row
     nothing = kernels.TriangleMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))

@@ -207,7 +207,7 @@ def test_wrong_number_of_values(arm: ArticulatedModel) -> None:
 def test_root_placement_of_any_base_link(arm: ArticulatedModel, rng: np.random.Generator) -> None:
     values = rng.uniform(arm.lower, arm.upper)
     joints = dict(zip(arm.joint_names, values.tolist(), strict=True))
-    T_scan_root = se3.exp(rng.normal(size=6))
+    T_scan_root = se3.from_twist(rng.normal(size=6))
     for name, T_root_link in arm.link_placements(values).items():
         state = State(T_scan_root @ T_root_link, joints, name)
         assert arm.root_placement(state) == pytest.approx(T_scan_root, abs=1e-9)

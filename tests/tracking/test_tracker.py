@@ -13,7 +13,7 @@ from hidden_forearm import Frames, errors, forearm_hidden
 
 import pwralign_kin as pk
 from pwralign_kin.exceptions import ArgumentError, OptionError, ScanError, UnknownNameError
-from pwralign_kin.se3 import exp, inverse, rotation_angle
+from pwralign_kin.se3 import from_twist, inverse, rotation_angle
 from pwralign_kin.simulation import SimulatedFrame, simulate_sequence
 from pwralign_kin.simulation.sequences import Motion
 from pwralign_kin.tracking import Frame
@@ -162,7 +162,7 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
     np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
     ahead = motion.predicted(motion.time + 0.1)
-    moved = exp(0.1 * twist)[:3, :3]
+    moved = from_twist(0.1 * twist)[:3, :3]
     assert rotation_angle(inverse(ahead.T_scan_base)[:3, :3] @ moved @ motion.T_scan_base[:3, :3]) < 1e-3
 
 
@@ -337,7 +337,7 @@ def test_a_plate_that_fills_the_image_takes_nothing_away_from_what_is_known(tmp_
         '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
     )
     model = pk.ArticulatedModel.from_urdf(tmp_path / "plate.urdf")
-    T = exp(np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    T = from_twist(np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]))
     T[:3, 3] = [0.1, 0.0, 1.0]
     columns, rows = np.meshgrid(np.arange(160), np.arange(120))
     rays = np.stack([(columns - 79.5) / 160.0, (rows - 59.5) / 160.0, np.ones(rows.shape)], axis=-1)

@@ -29,7 +29,7 @@ from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSqu
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.sensing.points import at_most
-from pwralign_kin.se3 import Array, exp, inverse
+from pwralign_kin.se3 import Array, from_twist, inverse
 
 FEW_POINTS = 500
 """Points that the displacement by a probe motion is measured at."""
@@ -110,7 +110,7 @@ def _displaced(solver: JointLeastSquares, solution: Solution, absent: NDArray[np
     counted = np.append((problem.counts >= LEAST_POINTS) & ~absent, False)
     seen, part = seen[counted[part]], part[counted[part]]
     about = solution.base[:3, 3]
-    T = np.swapaxes(exp(motions @ np.swapaxes(twists, 1, 2))[part], 0, 1)  # (n, points, 4, 4)
+    T = np.swapaxes(from_twist(motions @ np.swapaxes(twists, 1, 2))[part], 0, 1)  # (n, points, 4, 4)
     moved = (T[..., :3, :3] @ (seen - about)[..., None])[..., 0] + T[..., :3, 3] + about
     away = np.linalg.norm(moved - seen, axis=2) > UNMOVED
     points = np.ascontiguousarray(moved[away], np.float32)

@@ -90,7 +90,7 @@ class SharedLeastSquares:
             except np.linalg.LinAlgError as error:
                 logger.warning("%s: the answer has not converged", error)
                 break
-            move = se3.exp(step[:6])
+            move = se3.from_twist(step[:6])
             base[:3, :3] = move[:3, :3] @ base[:3, :3]
             base[:3, 3] += move[:3, 3] * observations[0].diagonal
             values = [

@@ -187,7 +187,7 @@ def test_surface_that_points_cross_does_not_agree_with_them(
 ) -> None:
     true = full_scan.state
     turned = true.T_scan_base.copy()
-    turned[:3, :3] = turned[:3, :3] @ se3.exp(np.array([0.6, 0.6, 0.0, 0.0, 0.0, 0.0]))[:3, :3]
+    turned[:3, :3] = turned[:3, :3] @ se3.from_twist(np.array([0.6, 0.6, 0.0, 0.0, 0.0, 0.0]))[:3, :3]
     right, wrong = (
         evidence(comparison, arm, state, units) for state in (true, dataclasses.replace(true, T_scan_base=turned))
     )

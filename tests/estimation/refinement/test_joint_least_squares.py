@@ -62,7 +62,7 @@ def test_jacobian_against_finite_differences(
     h, none = 1e-6, np.zeros(1, np.float32)
 
     def placed(step: np.ndarray) -> np.ndarray:
-        move = se3.exp(step[:6])
+        move = se3.from_twist(step[:6])
         moved = base.copy()
         moved[:3, :3] = move[:3, :3] @ base[:3, :3]
         moved[:3, 3] += move[:3, 3]

@@ -91,7 +91,7 @@ def test_scores_are_the_derivatives_of_the_likelihood(
             step = np.zeros(len(g))
             step[parameter] = sign * h
             there = base.copy()
-            there[:3, :3] = se3.exp(step[:6])[:3, :3] @ base[:3, :3]
+            there[:3, :3] = se3.from_twist(step[:6])[:3, :3] @ base[:3, :3]
             there[:3, 3] += step[3:6]
             likelihoods.append(
                 evidence(solver, mixture, points, there, values + step[6:-1], SIGMA * np.exp(step[-1]))[0]
