@@ -22,8 +22,9 @@ from pwralign_kin.estimation.evidence.other_size import other_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
 from pwralign_kin.estimation.options import EstimatorOptions
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import likeliest
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.reporting import reported
 from pwralign_kin.estimation.result import Estimate

@@ -10,7 +10,8 @@ from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.evidence import Evidence
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import LEAST_POINTS, POINTS_AS_ONE, PROBE_SLIDE, Errors
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.se3 import Array
 

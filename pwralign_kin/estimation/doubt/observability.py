@@ -25,8 +25,9 @@ from pwralign_kin.estimation.doubt.uncertainty import (
     probe_motions,
     undetermined_joints,
 )
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.refinement.surface_mixture import solved
 from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, from_twist, inverse

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
-from pwralign_kin.estimation.refinement.joint_least_squares import Problem, inverse_of, normal_matrix
+from pwralign_kin.estimation.refinement.matrices import inverse_of, normal_matrix
+from pwralign_kin.estimation.refinement.problem import Problem
 from pwralign_kin.estimation.sensing.patches import patches
 from pwralign_kin.se3 import Array
 

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Solution, bounded_step
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.se3 import Array
 
 MOST_POINTS = 600

@@ -9,10 +9,7 @@ points. CasADi solves it; a new set of correspondences follows each step (Gauss-
 from __future__ import annotations
 
 import logging
-import threading
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +18,10 @@ from pwralign_kin import kernels, se3
 from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Threshold
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
-from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS, SearchPrior
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.matrices import normal_matrix
+from pwralign_kin.estimation.refinement.problem import Prior, Problem, Solution
 from pwralign_kin.estimation.sensing.silhouette import ON_MODEL, Silhouette
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
@@ -32,8 +32,6 @@ OUTLINE_REACH = 0.03
 """Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
 EXACT = 0.003
 """Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
-LEAST_MASS = 0.005
-"""Share of all residuals' weight below which a part's few correspondences do not hold up convergence."""
 MOSTLY_SHARED = 3.0
 """Systematic residual, against the noise, from which errors are mostly shared by neighbouring points: 11 times in real
 frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
@@ -45,11 +43,6 @@ ALIGNED = 0.7
 """Cosine between two steps, by the surface's displacement, from which the second goes on where the first went, ..."""
 MOST_STRETCH = 4.0
 """... and how much farther it may go."""
-ONE_THREAD = 2**18
-"""Multiplications of a matrix product up to which OpenBLAS leaves it to one thread: more of them gain nothing here, and
-wait for each other where other work holds the processor."""
-INVERTED_WHOLE = 96
-"""Size of a matrix up to which the same is true of its inverse."""
 LEAST_OUTLINED = 100
 """Scan points on the model below which there is no outline."""
 
@@ -83,78 +76,6 @@ class LeastSquaresOptions(CheckedOptions):
     """Largest step of a rotation, rad."""
     tolerance: NotNegative = 5e-5
     """A step that displaces the matched surface of every part by less than this (rms) is the last."""
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known before the scan is looked at, linearised at one configuration."""
-
-    H: Array
-    """(6 + k, 6 + k) inverse covariance."""
-    g: Array
-    """(6 + k,) right-hand side."""
-
-
-@dataclass(frozen=True)
-class Blur:
-    """What a fit to all surface near the points of a noisy scan finds besides the configuration."""
-
-    noise: float
-    """Standard deviation of the points from the surface, model diagonals."""
-    information: Array
-    """(parts, 6, 6) Fisher information of every part's twist about the base's origin."""
-
-
-@dataclass(frozen=True)
-class Problem:
-    """The reduced problem at one configuration, in search units."""
-
-    H: Array
-    """(6 + k, 6 + k) normal matrix over base twist (rotation, translation) and joint increments."""
-    g: Array
-    """(6 + k,) right-hand side."""
-    information: Array
-    """(parts, 6, 6) information of every part in twist space."""
-    mass: Array
-    """(parts,) sum of the weights of the surface residuals of every part, without those of the outline."""
-    J: Array
-    """(parts, 6, 6 + k) part twists per unit of base twist and joint increments."""
-    counts: NDArray[np.int32]
-    """(parts,) correspondences per part."""
-    prior: Prior
-    """What is known beforehand; `H` and `g` are of the scan alone."""
-    sigma: float
-    """Robust scale of the residuals."""
-    blur: Blur | None = None
-    """For noisy scans; None where the nearest surface tells all."""
-
-    @property
-    def evidence(self) -> float:
-        """What `H` must be multiplied by to be an inverse covariance beside the prior's."""
-        return INDEPENDENT_POINTS / self.sigma**2
-
-    def displacement(self, step: Array) -> float:
-        """Return the greatest rms displacement, among parts, of the matched surface along its normals by a step."""
-        twists = self.J @ step
-        squared = np.einsum("pi,pij,pj->p", twists, self.information, twists)
-        return float(np.sqrt((squared / np.maximum(self.mass, LEAST_MASS * self.mass.sum() + 1e-12)).max()))
-
-
-@dataclass(frozen=True)
-class Solution:
-    """The configuration at the end, in search units."""
-
-    base: Array
-    values: Array
-    problem: Problem
-    """The problem at the end, for the covariance."""
-    converged: bool
-    iterations: int
-
-    @property
-    def configuration(self) -> Candidates:
-        """What was found, for the search's own figures."""
-        return Candidates.single(self.base, self.values)
 
 
 class JointLeastSquares:
@@ -352,82 +273,3 @@ def stretched(H: Array, before: Array, step: Array, stretch: float) -> float:
         return 1.0
     left = 1.0 - (1.0 - along / squared) / stretch
     return MOST_STRETCH if left >= 1.0 - 1.0 / MOST_STRETCH else max(1.0, 1.0 / (1.0 - left))
-
-
-def normal_matrix(J: Array, information: Array) -> Array:
-    """Return the sum over parts of J' information J (n, n); `J` (parts, 6, n), `information` (parts, 6, 6)."""
-    size = J.shape[2]
-    rows, weighted = J.reshape(-1, size), (information @ J).reshape(-1, size)
-    piece = max(6, ONE_THREAD // size**2)
-    H = np.zeros((size, size))
-    for first in range(0, len(rows), piece):
-        H += rows[first : first + piece].T @ weighted[first : first + piece]
-    return H
-
-
-def inverse_of(H: Array) -> Array:
-    """Return the inverse of a symmetric positive definite matrix (n, n), by its Schur complement where OpenBLAS would
-    spread it over threads."""
-    size = len(H)
-    if size <= INVERTED_WHOLE:
-        return np.asarray(np.linalg.inv(H))
-    half = size // 2
-    first = inverse_of(H[:half, :half])
-    along = _product(first, H[:half, half:])
-    rest = inverse_of(H[half:, half:] - _product(H[half:, :half], along))
-    across = -_product(along, rest)
-    return np.block([[first - _product(across, along.T), across], [across.T, rest]])
-
-
-def _product(A: Array, B: Array) -> Array:
-    """Return the matrix product, in pieces that OpenBLAS leaves to one thread."""
-    piece = max(1, ONE_THREAD // B.size)
-    return np.concatenate([A[first : first + piece] @ B for first in range(0, len(A), piece)])
-
-
-def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
-    """Return the x of least 1/2 x'Hx - g'x within bounds, with a little damping.
-
-    Bounds are numbers, none above the other. Raises `LinAlgError` where there is no step: `H` is not positive definite,
-    or a number of `H` or `g` not finite.
-    """
-    program = _quadratic_program(len(g), threading.get_ident())
-    program.h[:], program.g[:], program.lbx[:], program.ubx[:] = H, -g, low, high
-    program.h.flat[:: len(g) + 1] += damping + 1e-4 * H.diagonal()
-    if not program.solve():
-        raise np.linalg.LinAlgError("a bounded step of the least squares has no solution")
-    return program.x.copy()
-
-
-class _QuadraticProgram:
-    """CasADi's solver of a dense quadratic program with simple bounds: 1/2 x'hx + g'x with x from lbx to ubx.
-
-    It reads and writes memory of ours: conversions to its own matrices take ten times as long as the problem.
-    """
-
-    def __init__(self, size: int) -> None:
-        import casadi
-
-        solver: Any = casadi.conic(
-            "step",
-            "daqp",
-            {"h": casadi.Sparsity.dense(size, size), "a": casadi.Sparsity(0, size)},
-            {"error_on_fail": False},
-        )
-        self.h = np.empty((size, size))
-        self.g, self.lbx, self.ubx, self.x = np.empty((4, size))
-        self._buffer, self._evaluate = solver.buffer()
-        for name in ("h", "g", "lbx", "ubx"):
-            self._buffer.set_arg(solver.index_in(name), getattr(self, name).data)
-        self._buffer.set_res(solver.index_out("x"), self.x.data)
-
-    def solve(self) -> bool:
-        """Set x to the solution; return whether there is one."""
-        self._evaluate()
-        return bool(np.isfinite(self.x).all() and self._buffer.stats()["success"])
-
-
-@lru_cache(maxsize=64)
-def _quadratic_program(size: int, _thread: int) -> _QuadraticProgram:
-    """Return the solver of one thread: no two share its memory."""
-    return _QuadraticProgram(size)

@@ -12,7 +12,9 @@ import numpy as np
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, bounded_step, normal_matrix
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.matrices import normal_matrix
 from pwralign_kin.se3 import Array
 
 MOST_POINTS, FEW_POINTS = 5000, 800

@@ -16,13 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin import kernels
-from pwralign_kin.estimation.refinement.joint_least_squares import (
-    Blur,
-    JointLeastSquares,
-    Problem,
-    Solution,
-    bounded_step,
-)
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.problem import Blur, Problem, Solution
 from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.se3 import Array
 

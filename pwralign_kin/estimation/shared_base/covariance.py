@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.refinement.joint_least_squares import Solution
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.stages import SearchedScan
 from pwralign_kin.se3 import Array

@@ -20,13 +20,10 @@ from pwralign_kin.estimation.doubt.uncertainty import (
     mean_information,
     observed_errors,
 )
-from pwralign_kin.estimation.refinement.joint_least_squares import (
-    JointLeastSquares,
-    Problem,
-    Solution,
-    bounded_step,
-    normal_matrix,
-)
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.matrices import normal_matrix
+from pwralign_kin.estimation.refinement.problem import Problem, Solution
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
 

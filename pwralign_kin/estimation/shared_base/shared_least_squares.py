@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from pwralign_kin import se3
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.doubt.uncertainty import inverse_covariance, observed_errors
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, Problem, Solution, bounded_step
+from pwralign_kin.estimation.refinement.bounded_step import bounded_step
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
+from pwralign_kin.estimation.refinement.problem import Problem, Solution
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)

@@ -11,7 +11,8 @@ import pwralign_kin as pk
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.doubt.uncertainty import Errors, covariance, inverse_covariance, observed_errors
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions, Problem
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions
+from pwralign_kin.estimation.refinement.problem import Problem
 from pwralign_kin.simulation import SimulatedScan
 
 NONE = np.zeros(3, bool)

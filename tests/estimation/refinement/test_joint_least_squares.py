@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import pwralign_kin as pk
 from pwralign_kin import se3
@@ -14,13 +13,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.refinement.joint_least_squares import (
-    INVERTED_WHOLE,
-    JointLeastSquares,
-    LeastSquaresOptions,
-    bounded_step,
-    inverse_of,
-)
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -127,19 +120,6 @@ def test_the_robust_scale_follows_noise_and_residuals(
     assert usual.robust_scale(right) < 0.008
     assert usual.robust_scale(usual.residual(off, values)) > usual.robust_scale(right)
     assert solver(arm, comparison, sigmas=20.0).robust_scale(right) > 0.02
-
-
-@pytest.mark.parametrize("broken", [-np.eye(7), np.full((7, 7), np.nan)])
-def test_a_step_that_has_no_solution_is_an_error(broken: NDArray[np.float64]) -> None:
-    with pytest.raises(np.linalg.LinAlgError):
-        bounded_step(broken, np.ones(7), np.full(7, -0.1), np.full(7, 0.1), 1e-6)
-
-
-@pytest.mark.parametrize("size", [7, INVERTED_WHOLE + 1, 3 * INVERTED_WHOLE])
-def test_the_inverse_of_few_and_of_many_unknowns(size: int) -> None:
-    A = np.random.default_rng(size).normal(size=(size, size))
-    H = A @ A.T + size * np.eye(size)
-    assert inverse_of(H) @ H == pytest.approx(np.eye(size), abs=1e-9)
 
 
 def test_a_locked_joint_does_not_move(
