@@ -134,8 +134,8 @@ class Estimator:
         with searched.watch.stage("least squares"):
             solution = self._solve(searched.solver, searched.finished)
         with searched.watch.stage("equal answers"):
-            solution, equal = self._chosen(searched, solution)
-        return self._judged(searched, solution), equal
+            solution, equal = self._chosen(searched.seeing(solution.view), solution)
+        return self._judged(searched.seeing(solution.view), solution), equal
 
     def _believed(self, scan: Scan) -> Scan:
         """Return the scan without a sensor origin that its points contradict."""
@@ -251,7 +251,7 @@ class Estimator:
             base = solver.comparison.known.placement
         if not self.options.least_squares.enabled:
             problem = solver.build(base, values, solver.robust_scale(solver.residual(base, values)))
-            return Solution(base, values, problem, True, 0)
+            return Solution(base, values, problem, True, 0, solver.view)
         return solved(solver, base, solver.limited(values))
 
     def _chosen(self, searched: SearchedScan, solution: Solution) -> tuple[Solution, Candidates]:
@@ -291,7 +291,7 @@ def bearing_out(searched: SearchedScan, solution: Solution) -> Candidates:
     A sensor that errs along its rays bends a whole surface away from where its outline has it.
     """
     comparison, final = searched.solver.comparison, solution.configuration
-    if searched.solver.silhouette is None:
+    if searched.solver.view.silhouette is None:
         return final
     both = comparison.scored(Candidates.concatenate([final, searched.finished.take([0])]))[0].best_first()
     same = len(comparison.distinct(both, len(both), OUTLINED)) == 1

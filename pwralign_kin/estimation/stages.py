@@ -12,6 +12,7 @@ from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.problem import Solution
+from pwralign_kin.estimation.refinement.view import View
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
@@ -54,6 +55,10 @@ class SearchedScan:
     def knowing(self, known: SearchPrior) -> SearchedScan:
         """Return the same, judged from here on by another prior of base and joints."""
         return replace(self, solver=self.solver.knowing(known))
+
+    def seeing(self, view: View) -> SearchedScan:
+        """Return the same with what its image told near an answer."""
+        return replace(self, solver=self.solver.seeing(view))
 
 
 @dataclass(frozen=True)

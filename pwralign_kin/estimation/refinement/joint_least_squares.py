@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin import kernels, se3
+from pwralign_kin import kernels
 from pwralign_kin.checked_options import CheckedOptions, Natural, NotNegative, Positive, Threshold
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -22,29 +22,18 @@ from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.refinement.bounded_step import bounded_step
 from pwralign_kin.estimation.refinement.matrices import normal_matrix
 from pwralign_kin.estimation.refinement.problem import Prior, Problem, Solution
-from pwralign_kin.estimation.sensing.silhouette import ON_MODEL, Silhouette
+from pwralign_kin.estimation.refinement.view import NOT_LOOKED_AT, View, view_of
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)
 
-OUTLINE_REACH = 0.03
-"""Samples on the model's outline farther than this (model diagonals) from the scan's have no counterpart in it."""
-EXACT = 0.003
-"""Residuals of the surface (model diagonals) that samples and noise explain; outlines only mend what is beyond."""
-MOSTLY_SHARED = 3.0
-"""Systematic residual, against the noise, from which errors are mostly shared by neighbouring points: 11 times in real
-frames, up to 1.8 in simulated ones, whose systematic residual is noise that the scan hides."""
-ACROSS = 0.005
-"""Noise (model diagonals) from which it takes points across thin parts."""
 SHORT = 5e-4
 """Last step (rad, model diagonals) up to which the problem before it is that at the end."""
 ALIGNED = 0.7
 """Cosine between two steps, by the surface's displacement, from which the second goes on where the first went, ..."""
 MOST_STRETCH = 4.0
 """... and how much farther it may go."""
-LEAST_OUTLINED = 100
-"""Scan points on the model below which there is no outline."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +77,7 @@ class JointLeastSquares:
         lower: Array,
         upper: Array,
         options: LeastSquaresOptions,
+        view: View = NOT_LOOKED_AT,
     ) -> None:
         """Take the bounds `lower`, `upper` (k,) of the actuated joints in search units; equal bounds lock a joint."""
         self.model = model
@@ -95,9 +85,7 @@ class JointLeastSquares:
         self.lower = lower
         self.upper = upper
         self.options = options
-        self.silhouette: Silhouette | None = None
-        self.systematic = 0.0
-        self.along_rays = False
+        self.view = view
 
     @property
     def locked(self) -> NDArray[np.bool_]:
@@ -113,52 +101,21 @@ class JointLeastSquares:
     def with_locked(self, joints: NDArray[np.bool_], values: Array) -> JointLeastSquares:
         """Return the same problem with some joints held at the given values."""
         lower, upper = np.where(joints, values, self.lower), np.where(joints, values, self.upper)
-        return self._with(self.comparison, lower, upper)
+        return JointLeastSquares(self.model, self.comparison, lower, upper, self.options, self.view)
 
     def knowing(self, known: SearchPrior) -> JointLeastSquares:
         """Return the same problem by another prior of base and joints."""
-        return self._with(self.comparison.knowing(known), self.lower, self.upper)
+        comparison = self.comparison.knowing(known)
+        return JointLeastSquares(self.model, comparison, self.lower, self.upper, self.options, self.view)
 
-    def _with(self, comparison: ScanComparison, lower: Array, upper: Array) -> JointLeastSquares:
-        solver = JointLeastSquares(self.model, comparison, lower, upper, self.options)
-        solver.silhouette, solver.systematic = self.silhouette, self.systematic
-        solver.along_rays = self.along_rays
-        return solver
+    def seeing(self, view: View) -> JointLeastSquares:
+        """Return the same problem with what the image of a single view tells besides."""
+        return JointLeastSquares(self.model, self.comparison, self.lower, self.upper, self.options, view)
 
-    def look(self, base: Array, values: Array, residual: float) -> None:
-        """Tell the model's points in the image of a single view from the rest, by a configuration near to the end.
-
-        `residual` is that of the configuration.
-        """
-        observation = self.comparison.observation
-        # In a scene the outline is one of depth jumps, which sensors smear.
-        if not observation.single_view or observation.scene:
-            return
-        known = (1.2 * observation.noise) ** 2 + EXACT**2
-        self.systematic = float(np.sqrt(max(residual**2 - known, 0.0)))
-        # Noise takes points across thin parts, to whose far faces they are then nearer: counterparts are what the
-        # sensor sees there. Errors that neighbours share bend the surface instead, and its normals tell what is where.
-        self.along_rays = observation.noise > max(ACROSS, self.systematic / MOSTLY_SHARED)
-        if not self.options.silhouette or self.systematic == 0:
-            return
-        at = Candidates.single(base, values)
-        placements = self.comparison.part_placements(at)[0]
-        on_model = self.comparison.assigned(observation.raw, placements, self.comparison.exists, ON_MODEL)[0] < ON_MODEL
-        if on_model.sum() > LEAST_OUTLINED:
-            self.silhouette = Silhouette(observation, observation.raw, on_model)
-
-    def outline(self, placements: Array, centre: Array) -> tuple[Array, Array]:
-        """Return information (parts, 6, 6) and gradients (parts, 6) of the model's outline, in twist space."""
-        if self.silhouette is None:
-            return np.zeros((len(placements), 6, 6)), np.zeros((len(placements), 6))
-        surfaces = self.comparison.surfaces
-        parts = np.concatenate([np.full(len(s.dense), i) for i, s in enumerate(surfaces)])
-        points = np.concatenate(
-            [se3.transform(T, s.dense.astype(float)) for T, s in zip(placements, surfaces, strict=True)]
-        )
-        spacing = max(s.spacing for s in surfaces if s.exists)
-        found = self.silhouette.residuals(parts, points, spacing, OUTLINE_REACH)
-        return found.normal_equations(self.systematic, self.options.most_silhouette, len(placements), centre)
+    def looking(self, base: Array, values: Array, residual: float) -> JointLeastSquares:
+        """Return the same problem with the image looked at by a configuration, whose `residual` is given."""
+        near = Candidates.single(base, values)
+        return self.seeing(view_of(self.comparison, near, residual, outlined=self.options.silhouette))
 
     def residual(self, base: Array, values: Array) -> float:
         """Return the robust standard deviation of the given points that lie on a configuration."""
@@ -187,9 +144,13 @@ class JointLeastSquares:
         placed, full = self.part_twists(base, values)
         kernel_scale = max(sigma, self.options.kernel_sigmas * self.comparison.observation.noise)
         information, part_g, counts = self.comparison.normal_equations(
-            placed, kernel_scale, self.options.reach * sigma, self.options.support_weight, along_rays=self.along_rays
+            placed,
+            kernel_scale,
+            self.options.reach * sigma,
+            self.options.support_weight,
+            along_rays=self.view.along_rays,
         )
-        outline = self.outline(placed, base[:3, 3])
+        outline = self.view.outline(self.comparison, placed, base[:3, 3], self.options.most_silhouette)
         mass = np.trace(information[:, 3:, 3:], axis1=1, axis2=2)  # normals are unit vectors
         information, part_g = information + outline[0], part_g + outline[1]
         H = normal_matrix(full, information)
@@ -225,12 +186,14 @@ class JointLeastSquares:
         return np.minimum(low, high), high
 
     def run(self, base: Array, values: Array) -> Solution:
-        """Iterate from a configuration to convergence."""
-        converged, iterations = False, 0
+        """Iterate from a configuration to convergence, after a look at the image where there was none yet."""
         residual = self.residual(base, values)
-        sigma = self.robust_scale(residual)
-        if self.silhouette is None:
-            self.look(base, values, residual)
+        looked = self if self.view.silhouette is not None else self.looking(base, values, residual)
+        return looked._converged(base, values, self.robust_scale(residual))
+
+    def _converged(self, base: Array, values: Array, sigma: float) -> Solution:
+        """Iterate with a robust kernel of scale `sigma`."""
+        converged, iterations = False, 0
         problem = self.build(base, values, sigma)
         before, stretch = np.zeros(6 + len(values)), 1.0
         while not converged and iterations < self.options.iterations:
@@ -248,7 +211,7 @@ class JointLeastSquares:
             # Unknowns that the scan hardly tells may move far without displacing what is matched.
             if not (converged and np.abs(step).max() < SHORT):
                 problem = self.build(base, values, sigma)
-        return Solution(base, values, problem, converged, iterations)
+        return Solution(base, values, problem, converged, iterations, self.view)
 
     def stepped(self, base: Array, values: Array, step: Array) -> tuple[Array, Array]:
         """Return the configuration after a step (6 + k,)."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.knowledge.prior import INDEPENDENT_POINTS
+from pwralign_kin.estimation.refinement.view import NOT_LOOKED_AT, View
 from pwralign_kin.se3 import Array
 
 LEAST_MASS = 0.005
@@ -80,6 +81,8 @@ class Solution:
     """The problem at the end, for the covariance."""
     converged: bool
     iterations: int
+    view: View = NOT_LOOKED_AT
+    """What the image of a single view told besides; what is solved near to it is to see the same."""
 
     @property
     def configuration(self) -> Candidates:

@@ -149,4 +149,4 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
     at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(solver.residual(at.base, at.values)))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
-    return Solution(at.base, at.values, problem, ended, steps)
+    return Solution(at.base, at.values, problem, ended, steps, solver.view)

@@ -54,7 +54,7 @@ def estimate_shared_base(
         progress("joint least squares")
     solved = SharedLeastSquares([searched.solver for searched in agreed.scans]).run(agreed.starts)
     together = [
-        searched.knowing(known_base(searched, solution.base, 0.0, 0.0))
+        searched.knowing(known_base(searched, solution.base, 0.0, 0.0)).seeing(solution.view)
         for searched, solution in zip(agreed.scans, solved.solutions, strict=True)
     ]
     estimates = []

@@ -68,7 +68,7 @@ class SharedLeastSquares:
 
     def run(self, starts: Sequence[Candidates]) -> SharedSolution:
         """Iterate from one configuration a scan, whose bases may differ a little, to convergence."""
-        solvers, options = self.solvers, self.solvers[0].options
+        solvers, options = list(self.solvers), self.solvers[0].options
         observations = [solver.comparison.observation for solver in solvers]
         base = _mean([o.to_scan(start.bases[0]) for o, start in zip(observations, starts, strict=True)])
         known = solvers[0].comparison.known
@@ -76,10 +76,10 @@ class SharedLeastSquares:
             base = observations[0].to_scan(known.placement)
         values = [s.limited(start.values[0]) for s, start in zip(solvers, starts, strict=True)]
         bases = [o.to_search(base) for o in observations]
-        residuals = [s.residual(b, v) for s, b, v in zip(solvers, bases, values, strict=True)]
-        sigmas = [s.robust_scale(residual) for s, residual in zip(solvers, residuals, strict=True)]
-        for solver, at, v, residual in zip(solvers, bases, values, residuals, strict=True):
-            solver.look(at, v, residual)
+        starting = list(zip(solvers, bases, values, strict=True))
+        residuals = [solver.residual(b, v) for solver, b, v in starting]
+        sigmas = [solver.robust_scale(residual) for solver, residual in zip(solvers, residuals, strict=True)]
+        solvers = [solver.looking(b, v, own) for (solver, b, v), own in zip(starting, residuals, strict=True)]
         converged, iterations = not options.enabled, 0
         while True:
             bases = [o.to_search(base) for o in observations]
@@ -101,8 +101,8 @@ class SharedLeastSquares:
             converged = bool(np.abs(step).max() < options.tolerance)
         base = se3.orthonormalised(base)
         solutions = tuple(
-            Solution(o.to_search(base), v, problem, converged, iterations)
-            for o, v, problem in zip(observations, values, problems, strict=True)
+            Solution(o.to_search(base), v, problem, converged, iterations, solver.view)
+            for o, v, problem, solver in zip(observations, values, problems, solvers, strict=True)
         )
         return SharedSolution(solutions, self.base_covariance(bases, values, problems), converged, iterations)
 
