@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) ->
     Bounds are numbers, none above the other. Raises `LinAlgError` where there is no step: `H` is not positive definite,
     or a number of `H` or `g` not finite.
     """
-    program = _quadratic_program(len(g), threading.get_ident())
+    program = _PROGRAMS.sized(len(g))
     program.h[:], program.g[:], program.lbx[:], program.ubx[:] = H, -g, low, high
     program.h.flat[:: len(g) + 1] += damping + 1e-4 * H.diagonal()
     if not program.solve():
@@ -53,7 +52,16 @@ class _QuadraticProgram:
         return bool(np.isfinite(self.x).all() and self._buffer.stats()["success"])
 
 
-@lru_cache(maxsize=64)
-def _quadratic_program(size: int, _thread: int) -> _QuadraticProgram:
-    """Return the solver of one thread: no two share its memory."""
-    return _QuadraticProgram(size)
+class _Programs(threading.local):
+    """The programs of one thread, by their size: no two threads share their memory."""
+
+    def __init__(self) -> None:
+        self.of_size: dict[int, _QuadraticProgram] = {}
+
+    def sized(self, size: int) -> _QuadraticProgram:
+        if size not in self.of_size:
+            self.of_size[size] = _QuadraticProgram(size)
+        return self.of_size[size]
+
+
+_PROGRAMS = _Programs()
