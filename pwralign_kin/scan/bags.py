@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.dependencies import rosbags
-from pwralign_kin.exceptions import ScanError, UnknownNameError
+from pwralign_kin.exceptions import PwralignError, ScanError, UnknownNameError
 from pwralign_kin.scan.depth import DepthFrame
 from pwralign_kin.scan.pinhole import checked_intrinsics
 from pwralign_kin.scan.scan import cloud_frame
@@ -68,7 +68,7 @@ def read_bag(path: Path, options: FrameOptions) -> Iterator[TimedFrame]:
                     points = _points(message, source)
                     yield time, cloud_frame(points, options.sensor_origin, source)
                 last = time
-    except (ScanError, UnknownNameError):
+    except PwralignError:
         raise
     except Exception as error:  # a corrupt bag raises anything
         raise ScanError(path, f"not a readable ROS 2 bag: {' '.join(str(error).split())[:200]}") from None

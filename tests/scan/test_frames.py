@@ -169,6 +169,8 @@ def test_bags(plugin: str, tmp_path: Path) -> None:
         list(read_frames([tmp_path / "bag"]))
     with pytest.raises(UnknownNameError, match="/points"):
         list(read_frames([tmp_path / "bag"], FrameOptions(topic="/point")))
+    with pytest.raises(StateError, match="T_scan_camera"):
+        list(read_frames([tmp_path / "bag"], FrameOptions(topic="/depth/image", T_scan_camera=2 * np.eye(4))))
 
 
 def test_a_bag_without_clouds_or_images_says_what_it_holds(tmp_path: Path) -> None:
