@@ -116,29 +116,28 @@ class Estimate(ReadOnly):
     """Unit of each joint value: "rad" or "m"."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a JSON-ready summary: the state and all the figures, without the arrays per point."""
+        """Return a JSON-ready summary: the state and all the figures, without the arrays per point.
 
-        def number(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
-        return {
+        Numbers that are not finite become None.
+        """
+        summary = {
             **self.state.to_dict(),
             "units": dict(self.units),
             "confidence": self.confidence,
             "evidence": asdict(self.evidence),
             "cost": self.cost,
-            "inlier_rmse": number(self.inlier_rmse),
+            "inlier_rmse": self.inlier_rmse,
             "scan_coverage": self.scan_coverage,
             "model_support": self.model_support,
             "viewpoint_known": self.viewpoint_known,
             "undetermined": list(self.undetermined),
-            "std": {name: number(value) for name, value in self.std.items()},
+            "std": dict(self.std),
             "parts": {
                 name: {
                     "T_scan_part": part.T_scan_part.tolist(),
-                    "residual": number(part.residual),
+                    "residual": part.residual,
                     "points": part.points,
-                    "support": number(part.support),
+                    "support": part.support,
                     "seen": part.seen,
                 }
                 for name, part in self.parts.items()
@@ -151,6 +150,7 @@ class Estimate(ReadOnly):
             "timings": dict(self.timings),
             "options": dict(self.options),
         }
+        return {key: _finite(value) for key, value in summary.items()}
 
     def __repr__(self) -> str:
         """Return one line: how sure the answer is, and the answer. `print` shows the table."""
@@ -184,6 +184,17 @@ class Estimate(ReadOnly):
         steps = f"{self.iterations} iteration{'s' * (self.iterations != 1)}"
         lines.append(f"{outcome} in {steps}, {sum(self.timings.values()):.2f} s")
         return "\n".join(lines)
+
+
+def _finite(value: Any) -> Any:
+    """Return nested dictionaries and sequences with None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value
 
 
 def joint_table(

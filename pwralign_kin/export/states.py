@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ from pwralign_kin.export.joints import JointValues
 
 
 def write_estimate(path: Path, estimate: Estimate) -> None:
-    """Write the summary of an estimate as JSON; numbers that are not finite become null."""
-    files.write_text(path, json.dumps(_finite(estimate.to_dict()), indent=2, allow_nan=False) + "\n")
+    """Write the summary of an estimate as JSON."""
+    files.write_text(path, json.dumps(estimate.to_dict(), indent=2, allow_nan=False) + "\n")
 
 
 def write_joint_state(path: Path, values: JointValues) -> None:
@@ -41,11 +40,3 @@ def _write_yaml(path: Path, content: dict[str, Any]) -> None:
     import yaml
 
     files.write_text(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=100))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
