@@ -97,7 +97,7 @@ def estimate(
             arguments.check_folder(folder, FILES)
     begun = time.perf_counter()
     with messages.progress() as show:
-        from pwralign_kin.estimation import Correspondences, EstimatorOptions, SearchOptions
+        from pwralign_kin.estimation import Correspondences, EstimatorOptions, SearchOptions, SharedBaseEstimate
         from pwralign_kin.estimation import estimate as estimated
 
         show("reading the scan")
@@ -116,28 +116,26 @@ def estimate(
             search=SearchOptions(solid=solid),
             **hints,
         )
-        result: Estimate | SharedBaseEstimate
         read_all = time.perf_counter()
+        result: Estimate | SharedBaseEstimate
         if more:
-            shared = estimated(model, scans, initial=guess, options=options, progress=show)
-            results, result = shared.estimates, shared
+            result = estimated(model, scans, initial=guess, options=options, progress=show)
         else:
-            single = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
-            results, result = (single,), single
+            result = estimated(model, scans[0], initial=guess, correspondences=pairs, options=options, progress=show)
     found = time.perf_counter()
     written: list[Path] = []
     try:
         if output.out is not None:
-            places = dict(zip(_folders(output.out, (scan, *more)), zip(results, scans, strict=True), strict=True))
-            written += _written(places, model, output.up or base_options.up_axis, output.bundle)
-            if more:
-                written.append(_shared(output.out, result))
+            places = dict(zip(_folders(output.out, (scan, *more)), scans, strict=True))
+            written = _written(result, places, model, output.up or base_options.up_axis, output.bundle)
     finally:  # what was found is told where it cannot be written, too
         messages.answer(_as_json(result) if json else str(result))
     if not json:
         times = _times(begun, read_all, found, time.perf_counter() if written else None)
         messages.answer("\n".join([*messages.wrote(written), times]))
-    return messages.shared_outcome(shared) if more else messages.outcome(result.confidence, "result")
+    if isinstance(result, SharedBaseEstimate):
+        return messages.shared_outcome(result)
+    return messages.outcome(result.confidence, "result")
 
 
 def _folders(out: Path, scans: tuple[Path, ...]) -> list[Path]:
@@ -148,26 +146,26 @@ def _folders(out: Path, scans: tuple[Path, ...]) -> list[Path]:
 
 
 def _written(
-    places: Mapping[Path, tuple[Estimate, Scan]], model: ArticulatedModel, up: str, bundle: bool
+    result: Estimate | SharedBaseEstimate, places: Mapping[Path, Scan], model: ArticulatedModel, up: str, bundle: bool
 ) -> list[Path]:
-    """Write the files of each estimate into its folder and return their paths."""
+    """Write the files of each scan's estimate into its folder, and what several tell of one base beside these folders;
+    return their paths."""
     with messages.progress() as show:
+        from pwralign_kin import files
+        from pwralign_kin.estimation import SharedBaseEstimate
         from pwralign_kin.export import export
 
         show("writing the result")
-        return [
+        estimates = result.estimates if isinstance(result, SharedBaseEstimate) else (result,)
+        written = [
             path
-            for place, (own, scan) in places.items()
+            for own, (place, scan) in zip(estimates, places.items(), strict=True)
             for path in export(own, model, scan, place, up=up, bundle=bundle)
         ]
-
-
-def _shared(out: Path, result: Estimate | SharedBaseEstimate) -> Path:
-    """Write what several scans tell of one base and return the file."""
-    from pwralign_kin import files
-
-    files.write_text(out / "shared.json", _as_json(result) + "\n")
-    return out / "shared.json"
+        if isinstance(result, SharedBaseEstimate):
+            written.append(next(iter(places)).parent / "shared.json")
+            files.write_text(written[-1], _as_json(result) + "\n")
+        return written
 
 
 def _guess(initial: Path | None, base: Array | None, joint_options: JointOptions) -> State | None:
