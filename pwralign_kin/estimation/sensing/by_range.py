@@ -8,6 +8,9 @@ from pwralign_kin import kernels
 from pwralign_kin.arrays import Indices, Singles
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 
+MOST_BINS = 400
+"""Bins of the range, the last of all that is farther."""
+
 
 def usual_at_range(values: Singles, points: Singles, origin: Singles | None, options: SceneOptions) -> Singles:
     """Return for each of the points (n, 3) the median of the `values` (n,) at its range."""
@@ -19,7 +22,7 @@ def _range_bins(points: Singles, origin: Singles | None, options: SceneOptions) 
     if origin is None:
         return np.asarray(kernels.voxel_means(points, 2 * options.range_bin)[2], np.int64)
     distance = np.linalg.norm(points - origin, axis=1)
-    return np.asarray(np.minimum(distance / options.range_bin, 400), np.int64)
+    return np.asarray(np.minimum(distance / options.range_bin, MOST_BINS), np.int64)
 
 
 def _binned_median(values: Singles, bins: Indices) -> Singles:

@@ -16,6 +16,8 @@ LINES = 0.25
 """Share of neighbourhoods of one scan line from which all are widened until they hold several, ..."""
 WIDER, WIDENINGS = 1.5, 5
 """... each time by so much, so often at most."""
+OPEN_CELL, OPEN_SPACINGS = 0.025, 0.9
+"""Least cell (model diagonals) in which the open side of a surface is told, and how many spacings wide it is."""
 LEAST_FACING = 0.5
 """Share of points that face the sensor below which their normals are not to be trusted."""
 
@@ -51,7 +53,7 @@ def oriented_normals(
 ) -> Singles:
     """Turn normals towards the sensor origins, (3,) or one a point (n, 3), or without any towards the open side."""
     if origins is None:
-        cell = max(0.025, 0.9 * spacing)
+        cell = max(OPEN_CELL, OPEN_SPACINGS * spacing)
         towards = kernels.openness(points, np.ascontiguousarray(normals, np.float32), cell, threads)
     else:
         towards = np.einsum("ij,ij->i", normals, origins - points)

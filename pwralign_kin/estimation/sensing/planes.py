@@ -12,6 +12,8 @@ from pwralign_kin.estimation.sensing.by_range import usual_at_range
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 
+DOMINANT_TRIALS = 300
+"""Points and their normals that the dominant plane is looked for by."""
 LEAST_ON_PLANE = 30
 """Points that a plane holds at least, ..."""
 LEAST_LEFT = 0.02
@@ -36,7 +38,7 @@ def wide_plane(
     """
     coarse, _, _ = kernels.voxel_means(points, 2 * options.voxel)
     normals = kernels.local_planes(coarse, 6 * options.voxel, threads)[0]
-    x, y, z, offset, inliers = kernels.dominant_plane(coarse, normals, options.plane_tolerance, 300, 0)
+    x, y, z, offset, inliers = kernels.dominant_plane(coarse, normals, options.plane_tolerance, DOMINANT_TRIALS, 0)
     if inliers < options.plane_share * len(coarse):
         return None
     normal = np.array([x, y, z], np.float32)

@@ -25,6 +25,12 @@ MOST_EXTENT = 1000.0
 """Model diagonals beyond which a scan is not looked at."""
 MOST_CELLS = 1.5e8
 """Cells of the field that memory allows."""
+BULK, BULK_SAMPLE = (0.03, 0.97), 20000
+"""Quantiles of each coordinate between which the bulk of a scan lies, told by about so many of its points."""
+PLANE_TOLERANCES, PLANE_NOISES = 1.2, 3.0
+"""How far from a wide plane points are taken for its own: so many tolerances, or standard deviations of the noise."""
+LEAST_NEIGHBOURED, LEAST_KEPT = 8, 50
+"""Points from which strays are looked for, and that must be left without them."""
 
 
 def observe(
@@ -86,7 +92,7 @@ def observe(
 
 def bulk(scan: Scan) -> tuple[Array, Array]:
     """Return the corners (3,) of the box, m, that most points of a scan lie in: strays do not widen it."""
-    low, high = np.quantile(scan.points[:: max(1, len(scan.points) // 20000)], [0.03, 0.97], axis=0)
+    low, high = np.quantile(scan.points[:: max(1, len(scan.points) // BULK_SAMPLE)], BULK, axis=0)
     return low, high
 
 
@@ -164,7 +170,7 @@ def _nearby(options: ObservationOptions) -> float:
 def _beside(points: Singles, centre: Singles, normal: Singles, options: ObservationOptions, threads: int) -> Singles:
     """Return the points that are not of the plane with this centre (3,) and unit normal (3,), however noisy it is."""
     noise = noise_of(at_most(points, options.most_raw), threads)
-    thickness = max(1.2 * options.plane_tolerance, 3.0 * noise)
+    thickness = max(PLANE_TOLERANCES * options.plane_tolerance, PLANE_NOISES * noise)
     return np.ascontiguousarray(points[np.abs((points - centre) @ normal) > thickness])
 
 
@@ -182,10 +188,10 @@ def _cells_beside(scan: Scan, raw: Singles, whole: int, options: ObservationOpti
 
 def _without_strays(points: Singles, options: ObservationOptions, threads: int) -> tuple[Singles, float]:
     """Return the points that have neighbours, and the median distance to the sixth."""
-    if len(points) < 8:
+    if len(points) < LEAST_NEIGHBOURED:
         return points, options.voxel
     sixth = sixth_neighbour(points, threads)
     kept = sixth < max(options.stray_distance, options.stray_spacings * median(sixth))
-    if kept.sum() > 50:
+    if kept.sum() > LEAST_KEPT:
         points, sixth = points[kept], sixth[kept]
     return np.ascontiguousarray(points), median(sixth)

@@ -9,6 +9,9 @@ from pwralign_kin.arrays import Singles
 from pwralign_kin.scan import Scan
 from pwralign_kin.se3 import Array
 
+ONE_PLACE = 1e-3
+"""Extent of the sensor's way (model diagonals) up to which it stood in one place."""
+
 
 def common_origin(scan: Scan, centre: Array, diagonal: float) -> Singles | None:
     """Return the sensor origin in search units if all points share it."""
@@ -16,7 +19,7 @@ def common_origin(scan: Scan, centre: Array, diagonal: float) -> Singles | None:
     if origin is None:
         return None
     origins = np.atleast_2d(origin)
-    if np.ptp(origins, axis=0).max() > 1e-3 * diagonal:
+    if np.ptp(origins, axis=0).max() > ONE_PLACE * diagonal:
         return None
     return np.asarray((origins[0] - centre) / diagonal, np.float32)
 
