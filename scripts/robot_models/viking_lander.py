@@ -6,12 +6,18 @@ The long side with the cameras and the sampler faces +x; the legs stand at 60, 1
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 
 import numpy as np
 
 from robot_models.shapes import Mesh, box, cylinder, join, lathe, prism, rod, span, sphere, tube
 from robot_models.urdf import Joint, Link, Robot
 
+Coloured = defaultdict[str, list[Mesh]]
+"""Meshes by the colour that they are painted in, of `MATERIALS`."""
+
+THIRD = 2.0 * math.pi / 3.0
+"""Of a turn, rad."""
 LONG_SIDE, SHORT_SIDE = 1.09, 0.56
 FOOTPAD_TRIANGLE = 2.21
 DECK, KEEL = 0.90, 0.44
@@ -73,27 +79,44 @@ def _on_side(mesh: Mesh, angle: float, out: float, along: float, z: float) -> Me
 
 
 def _body() -> dict[str, Mesh]:
-    third = 2.0 * math.pi / 3.0
-    white = [prism(hexagon(), DECK - KEEL).at(0.0, 0.0, (DECK + KEEL) / 2.0)]
-    grey: list[Mesh] = []
-    dark: list[Mesh] = []
-    titanium: list[Mesh] = []
-    orange: list[Mesh] = []
+    parts: Coloured = defaultdict(list)
+    parts["white"].append(prism(hexagon(), DECK - KEEL).at(0.0, 0.0, (DECK + KEEL) / 2.0))
+    for group in (
+        _side_panels(),
+        _propulsion(),
+        _under_the_keel(),
+        _generators(),
+        _cameras(),
+        _sample_inlets(),
+        _instruments(),
+        _mast(),
+        _brackets(),
+    ):
+        for colour, meshes in group.items():
+            parts[colour] += meshes
+    return {colour: join(parts[colour]) for colour in MATERIALS}
 
-    # Side panels: each side has its own, so that the sixfold outline is not mistaken for itself.
-    white += [
+
+def _side_panels() -> Coloured:
+    """Return the side panels: each side has its own, so that the sixfold outline is not mistaken for itself."""
+    parts: Coloured = defaultdict(list)
+    parts["white"] += [
         _on_side(box((0.03, 0.34, 0.30), bevel=0.008), 0.0, LONG_INRADIUS, -0.31, 0.68),
         _on_side(box((0.05, 0.22, 0.20), bevel=0.008), 0.0, LONG_INRADIUS, 0.36, 0.62),
-        _on_side(box((0.04, 0.30, 0.14), bevel=0.008), third, LONG_INRADIUS, -0.33, 0.80),
-        _on_side(box((0.06, 0.16, 0.30), bevel=0.008), -third, LONG_INRADIUS, 0.40, 0.66),
+        _on_side(box((0.04, 0.30, 0.14), bevel=0.008), THIRD, LONG_INRADIUS, -0.33, 0.80),
+        _on_side(box((0.06, 0.16, 0.30), bevel=0.008), -THIRD, LONG_INRADIUS, 0.40, 0.66),
     ]
-    grey += [
-        _on_side(box((0.08, 0.20, 0.16), bevel=0.01), 1.5 * third, SHORT_INRADIUS, -0.16, 0.56),
-        _on_side(box((0.05, 0.30, 0.10), bevel=0.01), 0.5 * third, SHORT_INRADIUS, 0.08, 0.52),
+    parts["grey"] += [
+        _on_side(box((0.08, 0.20, 0.16), bevel=0.01), 1.5 * THIRD, SHORT_INRADIUS, -0.16, 0.56),
+        _on_side(box((0.05, 0.30, 0.10), bevel=0.01), 0.5 * THIRD, SHORT_INRADIUS, 0.08, 0.52),
     ]
+    return parts
 
-    # Propulsion: three engines 120 degrees apart on the long sides, two spherical tanks behind the rear ones.
-    for angle in (0.0, third, -third):
+
+def _propulsion() -> Coloured:
+    """Return three engines 120 degrees apart on the long sides, with two spherical tanks behind the rear ones."""
+    parts: Coloured = defaultdict(list)
+    for angle in (0.0, THIRD, -THIRD):
         engine = [
             lathe([(0, 0.10), (0.10, 0.10), (0.10, 0.14), (0.06, 0.22), (0.06, 0.34), (0, 0.34)], 18),
             *(
@@ -101,22 +124,30 @@ def _body() -> dict[str, Mesh]:
                 for a in 2.0 * math.pi * np.arange(9) / 9.0
             ),
         ]
-        grey.append(_on_side(join(engine), angle, LONG_INRADIUS + 0.07, 0.0, 0.22))
-        grey.append(_on_side(box((0.10, 0.10, 0.06)), angle, LONG_INRADIUS + 0.03, 0.0, 0.58))
-    titanium.append(_on_side(sphere(0.23), third, LONG_INRADIUS + 0.06, 0.34, 0.62))
-    titanium.append(_on_side(sphere(0.23), -third, LONG_INRADIUS + 0.06, -0.34, 0.62))
+        parts["grey"].append(_on_side(join(engine), angle, LONG_INRADIUS + 0.07, 0.0, 0.22))
+        parts["grey"].append(_on_side(box((0.10, 0.10, 0.06)), angle, LONG_INRADIUS + 0.03, 0.0, 0.58))
+    parts["titanium"].append(_on_side(sphere(0.23), THIRD, LONG_INRADIUS + 0.06, 0.34, 0.62))
+    parts["titanium"].append(_on_side(sphere(0.23), -THIRD, LONG_INRADIUS + 0.06, -0.34, 0.62))
+    return parts
 
-    # Under the keel: the landing radar's plate and the round antenna of the altimeter.
-    grey.append(box((0.46, 0.40, 0.07), (-0.12, 0.10, KEEL - 0.03), 0.01))
-    white.append(cylinder(0.13, 0.08, 20).at(0.22, -0.25, KEEL - 0.04))
-    orange.append(box((0.20, 0.14, 0.09), (-0.35, -0.32, KEEL - 0.04), 0.01))
 
-    # Deck: wind covers of the two generators, each 0.58 m across and 0.28 m tall, over the tanks.
+def _under_the_keel() -> Coloured:
+    """Return the landing radar's plate and the round antenna of the altimeter, under the keel."""
+    parts: Coloured = defaultdict(list)
+    parts["grey"].append(box((0.46, 0.40, 0.07), (-0.12, 0.10, KEEL - 0.03), 0.01))
+    parts["white"].append(cylinder(0.13, 0.08, 20).at(0.22, -0.25, KEEL - 0.04))
+    parts["orange"].append(box((0.20, 0.14, 0.09), (-0.35, -0.32, KEEL - 0.04), 0.01))
+    return parts
+
+
+def _generators() -> Coloured:
+    """Return the wind covers of the two generators, each 0.58 m across and 0.28 m tall, over the tanks."""
+    parts: Coloured = defaultdict(list)
     cover = lathe([(0, 0), (0.29, 0), (0.29, 0.19), (0.20, 0.28), (0, 0.28)], 12)
-    white.append(cover.at(-0.322, 0.357, DECK))
-    white.append(cover.at(-0.322, -0.357, DECK))
-    grey.append(cylinder(0.07, 0.06, 16).at(-0.322, -0.357, DECK + 0.30))
-    grey.append(
+    parts["white"].append(cover.at(-0.322, 0.357, DECK))
+    parts["white"].append(cover.at(-0.322, -0.357, DECK))
+    parts["grey"].append(cylinder(0.07, 0.06, 16).at(-0.322, -0.357, DECK + 0.30))
+    parts["grey"].append(
         tube(
             [
                 (-0.22, 0.34, DECK + 0.26),
@@ -127,7 +158,7 @@ def _body() -> dict[str, Mesh]:
             0.022,
         )
     )
-    grey.append(
+    parts["grey"].append(
         tube(
             [
                 (-0.16, 0.28, DECK + 0.26),
@@ -138,56 +169,72 @@ def _body() -> dict[str, Mesh]:
             0.022,
         )
     )
+    return parts
 
-    # Deck: two cylindrical cameras 0.8 m apart near the front, their windows 1.3 m above the ground.
+
+def _cameras() -> Coloured:
+    """Return two cylindrical cameras 0.8 m apart near the front, their windows 1.3 m above the ground."""
+    parts: Coloured = defaultdict(list)
     for y, window_turn in ((CAMERA_SPACING / 2.0, 0.0), (-CAMERA_SPACING / 2.0, -0.5)):
         camera = lathe([(0, 0), (0.085, 0), (0.085, 0.20), (0.062, 0.23), (0.062, 0.47), (0.045, 0.52), (0, 0.52)], 18)
-        white.append(camera.at(CAMERA_X, y, DECK))
+        parts["white"].append(camera.at(CAMERA_X, y, DECK))
         slit = box((0.03, 0.035, 0.12), (0.055, 0.0, CAMERA_EYE - DECK)).turned("z", window_turn)
-        dark.append(slit.at(CAMERA_X, y, DECK))
+        parts["dark"].append(slit.at(CAMERA_X, y, DECK))
+    return parts
 
-    # Deck: sample inlets between the cameras, with the biology box on the right and the funnel on the left.
-    orange.append(box((0.22, 0.20, 0.17), (0.24, -0.19, DECK + 0.08), 0.01))
-    grey.append(
+
+def _sample_inlets() -> Coloured:
+    """Return the sample inlets between the cameras, with the biology box on the right and the funnel on the left."""
+    parts: Coloured = defaultdict(list)
+    parts["orange"].append(box((0.22, 0.20, 0.17), (0.24, -0.19, DECK + 0.08), 0.01))
+    parts["grey"].append(
         lathe([(0, 0), (0.035, 0), (0.035, 0.10), (0.075, 0.17), (0.065, 0.17), (0, 0.09)], 16).at(0.30, 0.16, DECK)
     )
-    grey.append(cylinder(0.05, 0.10, 14).at(0.24, -0.19, DECK + 0.21))
-    white.append(box((0.14, 0.16, 0.09), (0.12, 0.06, DECK + 0.04), 0.01))
+    parts["grey"].append(cylinder(0.05, 0.10, 14).at(0.24, -0.19, DECK + 0.21))
+    parts["white"].append(box((0.14, 0.16, 0.09), (0.12, 0.06, DECK + 0.04), 0.01))
+    return parts
 
-    # Deck: seismometer, test targets, relay antenna on the left, low-gain antenna on the right.
-    grey.append(box((0.17, 0.15, 0.12), (-0.40, 0.0, DECK + 0.06), 0.015))
+
+def _instruments() -> Coloured:
+    """Return the seismometer, test targets, relay antenna on the left, low-gain antenna on the right."""
+    parts: Coloured = defaultdict(list)
+    parts["grey"].append(box((0.17, 0.15, 0.12), (-0.40, 0.0, DECK + 0.06), 0.015))
     for x, y, turn in ((-0.03, -0.33, 0.3), (0.07, 0.26, -0.3), (-0.10, 0.02, 0.0)):
         target = box((0.012, 0.16, 0.12)).turned("y", -0.5).at(0.0, 0.0, 0.11) + rod(
             (-0.01, 0, -0.01), (-0.01, 0, 0.10), 0.012
         )
-        white.append(target.turned("z", turn).at(x, y, DECK))
-    dark.append(cylinder(0.03, 0.26, 12).at(0.10, 0.66, DECK + 0.13))
-    dark.append(lathe([(0, 0), (0.12, 0), (0.12, 0.02), (0, 0.02)], 8).at(0.10, 0.66, DECK + 0.10))
-    dark += [
+        parts["white"].append(target.turned("z", turn).at(x, y, DECK))
+    parts["dark"].append(cylinder(0.03, 0.26, 12).at(0.10, 0.66, DECK + 0.13))
+    parts["dark"].append(lathe([(0, 0), (0.12, 0), (0.12, 0.02), (0, 0.02)], 8).at(0.10, 0.66, DECK + 0.10))
+    parts["dark"] += [
         box((0.26, 0.02, 0.02), (0.10, 0.66, DECK + 0.25)).turned("z", 0.0),
         box((0.02, 0.26, 0.02), (0.10, 0.66, DECK + 0.25)),
     ]
-    grey.append(rod((0.16, -0.66, DECK - 0.01), (0.16, -0.66, DECK + 0.42), 0.016))
-    white.append(lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42))
+    parts["grey"].append(rod((0.16, -0.66, DECK - 0.01), (0.16, -0.66, DECK + 0.42), 0.016))
+    parts["white"].append(
+        lathe([(0, 0), (0.03, 0), (0.07, 0.10), (0.055, 0.10), (0, 0.03)], 16).at(0.16, -0.66, DECK + 0.42)
+    )
+    return parts
 
-    # Mast of the high-gain dish near the rear edge, with its brace.
+
+def _mast() -> Coloured:
+    """Return the mast of the high-gain dish near the rear edge, with its brace."""
+    parts: Coloured = defaultdict(list)
     x, y = MAST
-    grey.append(rod((x, y, DECK - 0.02), (x, y, MAST_TOP - 0.04), 0.035, 14))
-    grey.append(rod((x + 0.02, y + 0.26, DECK - 0.01), (x, y, MAST_TOP - 0.25), 0.016))
-    grey.append(box((0.14, 0.14, 0.05), (x, y, DECK + 0.02), 0.01))
+    parts["grey"].append(rod((x, y, DECK - 0.02), (x, y, MAST_TOP - 0.04), 0.035, 14))
+    parts["grey"].append(rod((x + 0.02, y + 0.26, DECK - 0.01), (x, y, MAST_TOP - 0.25), 0.016))
+    parts["grey"].append(box((0.14, 0.14, 0.05), (x, y, DECK + 0.02), 0.01))
+    return parts
 
-    # Foot of the sampler and bracket of the meteorology boom.
-    grey.append(cylinder(0.08, 0.05, 18).at(*SHOULDER, DECK + 0.015))
-    grey.append(
+
+def _brackets() -> Coloured:
+    """Return the foot of the sampler and bracket of the meteorology boom."""
+    parts: Coloured = defaultdict(list)
+    parts["grey"].append(cylinder(0.08, 0.05, 18).at(*SHOULDER, DECK + 0.015))
+    parts["grey"].append(
         _on_side(box((0.12, 0.07, 0.05), bevel=0.006), math.pi / 3.0, SHORT_INRADIUS + 0.03, 0.16, DECK - 0.045)
     )
-    return {
-        "white": join(white),
-        "grey": join(grey),
-        "dark": join(dark),
-        "titanium": join(titanium),
-        "orange": join(orange),
-    }
+    return parts
 
 
 def _leg() -> dict[str, Mesh]:
