@@ -10,6 +10,7 @@ from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError
 from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
+from pwralign_kin.export.signed_distances import signed_distances
 from pwralign_kin.files import atomic_folder, check_path, files_in
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.render import posed_mesh
@@ -76,7 +77,7 @@ def export(
             "in aligned.urdf their values are in their origins",
             model.urdf_path, ", ".join(values.multiple),
         )  # fmt: skip
-    distances = deviation.signed_distances(posed, scan.points)
+    distances = signed_distances(posed, scan.points)
     with atomic_folder(folder) as new:
         state.save(new / "state.json")
         states.write_estimate(new / "estimate.json", estimate)

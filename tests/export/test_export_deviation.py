@@ -10,7 +10,8 @@ import open3d
 import pytest
 import trimesh
 
-from pwralign_kin.export.deviation import signed_distances, write_deviation_ply, write_deviation_table
+from pwralign_kin.export.deviation import write_deviation_ply, write_deviation_table
+from pwralign_kin.export.signed_distances import signed_distances
 from pwralign_kin.render import PosedMesh, RayScene
 
 OFFSET = np.array([10.0, -20.0, 30.0])
