@@ -12,13 +12,16 @@ PACKAGE = "pwralign_kin"
 ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 LEVELS = (
-    {"arrays", "exceptions", "checked_options", "dependencies", "files", "read_only", "se3", "state", "kernels"},
+    {
+        "arrays", "exceptions", "checked_options", "dependencies", "directions", "files", "read_only", "se3", "state",
+        "kernels",
+    },
     {"model", "scan"},
     {"estimation", "simulation", "render"},
     {"baselines", "tracking", "export"},
     {"benchmark"},
     {"cli"},
-)
+)  # fmt: skip
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
 
 ESTIMATION = (

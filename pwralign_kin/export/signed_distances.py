@@ -6,6 +6,7 @@ import numpy as np
 
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Indices
+from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.render import PosedMesh, RayScene
 from pwralign_kin.se3 import Array
 
@@ -139,7 +140,7 @@ class _Surroundings:
         quarter = self._rank[rows] % 4
         for which in range(4):
             own = rows[quarter == which]
-            directions = _sphere(_MANY_RAYS)[which::4]
+            directions = fibonacci_directions(_MANY_RAYS)[which::4]
             shares = _free_shares(self._mesh, self._places[own], self._normals[self._owner[own]], directions)
             free[quarter == which] = np.maximum(*shares) > 0.0
         return rows[free]
@@ -175,9 +176,11 @@ def _open_sides(mesh: PosedMesh, places: Array, towards: Array) -> tuple[Array, 
     The first (n,) is of the half sphere around `towards` (n, 3), the second of the other; places are given
     relative to the centre of the mesh.
     """
-    front, back = _free_shares(mesh, places, towards, _sphere(_FEW_RAYS))
+    front, back = _free_shares(mesh, places, towards, fibonacci_directions(_FEW_RAYS))
     unclear = np.flatnonzero((np.maximum(front, back) < _CLEAR) | (np.minimum(front, back) > 0.0))
-    front[unclear], back[unclear] = _free_shares(mesh, places[unclear], towards[unclear], _sphere(_MANY_RAYS))
+    front[unclear], back[unclear] = _free_shares(
+        mesh, places[unclear], towards[unclear], fibonacci_directions(_MANY_RAYS)
+    )
     return front, back
 
 
@@ -196,11 +199,3 @@ def _free_shares(mesh: PosedMesh, places: Array, towards: Array, directions: Arr
         front[rows] = (free & ahead).sum(axis=1) / np.maximum(ahead.sum(axis=1), 1)
         back[rows] = (free & ~ahead).sum(axis=1) / np.maximum((~ahead).sum(axis=1), 1)
     return front, back
-
-
-def _sphere(count: int) -> Array:
-    """Return (count, 3) unit directions, evenly spread along a golden-angle spiral."""
-    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn = 2.39996322972865332 * np.arange(count)
-    radius = np.sqrt(1.0 - z**2)
-    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)

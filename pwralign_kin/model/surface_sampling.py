@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Singles
 from pwralign_kin.dependencies import open3d
+from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.model.cache import load_or_build
 from pwralign_kin.model.flat_faces import FlatFaces, flat_faces
 from pwralign_kin.model.surface import Surface, triple
@@ -208,15 +209,6 @@ def _no_surface() -> Surface:
         np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros((0, 4, 4)), np.zeros((0, 2)),
         np.array([1, 0, 0, 0, 0], np.float32),
     )  # fmt: skip
-
-
-def fibonacci_directions(count: int) -> NDArray[np.float64]:
-    """Return `count` unit vectors spread evenly over the sphere (spherical Fibonacci lattice)."""
-    k = np.arange(count)
-    z = 1 - 2 * (k + 0.5) / count
-    angle = np.pi * (3 - np.sqrt(5)) * k
-    r = np.sqrt(1 - z * z)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
 
 
 def _random_rotation(random: np.random.Generator) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.checked_options import CheckedOptions, NotNegative, Positive
-from pwralign_kin.model.surface_sampling import fibonacci_directions
+from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.scan import DepthFrame
 from pwralign_kin.se3 import Array, transform
 from pwralign_kin.simulation.raycasting import MovingBodies, looking_at

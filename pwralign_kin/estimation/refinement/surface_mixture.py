@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin import kernels
+from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.estimation.refinement.bounded_step import bounded_step
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.problem import Blur, Problem, Solution
-from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.se3 import Array
 
 logger = logging.getLogger(__name__)

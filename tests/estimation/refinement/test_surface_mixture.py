@@ -9,11 +9,11 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin import kernels, se3
+from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, LeastSquaresOptions
 from pwralign_kin.estimation.refinement.surface_mixture import solved
-from pwralign_kin.model.surface_sampling import fibonacci_directions
 from pwralign_kin.simulation import Sensor, SimulatedScan
 
 SIGMA, STRAYS, VOLUME = 0.02, 0.05, 0.5
