@@ -81,5 +81,7 @@ def test_every_file_and_figure_of_the_result_is_explained(readme: str, repositor
         assert f"`{path.name}`" in readme
     told = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
     result = json.loads(Path("out/estimate.json").read_text(encoding="utf-8"))
-    for key in (*result, *result["evidence"]):
+    with Path("out/deviation.csv").open(encoding="utf-8") as table:
+        measures = table.readline().strip().split(",")[3:]
+    for key in (*result, *result["evidence"], *measures):
         assert f"`{key}`" in told

@@ -78,7 +78,7 @@ def _run(tokens: Sequence[str]) -> int:
         return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
     except PwralignError as error:
         return messages.complain(str(error), BAD_INPUT)
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # the latter from the help, which nothing else ends early
         messages.give_up_stdout()  # whoever read the output has had enough
         return OK
     except OSError as error:

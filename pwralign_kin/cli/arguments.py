@@ -98,7 +98,7 @@ def read_joints(path: Path) -> dict[str, float]:
         else:
             content = content.get("joints", content.get("initial_positions", content))
     if not isinstance(content, dict) or not content:
-        raise StateError(f"{path}: expected an object of joint names and values, or a sensor_msgs/JointState")
+        raise StateError(f"{path}: expected JSON or YAML of names and values (elbow: 1.2), or a sensor_msgs/JointState")
     try:
         return dict(State(joints=content).joints)
     except StateError as error:

@@ -94,6 +94,7 @@ def test_degrees_and_unknown_joints_are_told(arm: Path, scan: Path, tmp_path: Pa
         ('{"shoulder": 28.6, "elbow": -22.9}', "in degrees"),
         ('{"wheel": 1}', "'wheel'"),
         ('{"name": ["shoulder"], "position": []}', "JointState"),
+        ("shoulder,elbow\n0.5,-0.4\n", "JSON or YAML"),
     ):
         joints.write_text(content)
         outcome = pwralign("calibrate", arm, f"{scan}={joints}")

@@ -174,6 +174,17 @@ def test_a_reader_who_has_gone_changes_neither_files_nor_exit_code(
     assert "error" not in done.stderr
 
 
+def test_help_that_nobody_reads_to_its_end_is_no_error() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [Path(sys.executable).parent / "pwralign", "estimate", "--help"],
+        stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_bad_input_is_an_error_whether_or_not_there_is_a_reader(arm: Path) -> None:
     reader, writer = os.pipe()
     os.close(reader)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import shlex
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -83,6 +86,16 @@ def test_joint_state_is_a_ros_message_with_mimicking_joints(folder: Path) -> Non
     assert dict(zip(message["name"], message["position"], strict=True)) == pytest.approx(BOT_VALUES, abs=1e-15)
     assert message["velocity"] == message["effort"] == []
     assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+
+
+def test_the_joint_state_that_the_documents_publish_is_of_now(folder: Path, repository: Path) -> None:
+    """The state publisher of ROS passes over states of time 0."""
+    told = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
+    command = re.search(r"\$\((sed .* joint_state\.yaml)\)", told)
+    assert command is not None
+    sent = subprocess.run(shlex.split(command[1]), cwd=folder, capture_output=True, text=True, check=True).stdout
+    written = yaml.safe_load((folder / "joint_state.yaml").read_text())
+    assert yaml.safe_load(sent) == {**written, "header": {"stamp": "now", "frame_id": ""}}
 
 
 def test_initial_positions_name_the_actuated_joints(folder: Path) -> None:
