@@ -115,6 +115,11 @@ class Estimate(ReadOnly):
     units: Mapping[str, str]
     """Unit of each joint value: "rad" or "m"."""
 
+    @property
+    def base_covariance(self) -> Array:
+        """(6, 6) covariance of the base twist: the first rows and columns of `covariance`."""
+        return self.covariance[:6, :6]
+
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-ready summary: the state and all the figures, without the arrays per point.
 
@@ -132,6 +137,7 @@ class Estimate(ReadOnly):
             "viewpoint_known": self.viewpoint_known,
             "undetermined": list(self.undetermined),
             "std": dict(self.std),
+            "base_covariance": self.base_covariance.tolist(),
             "parts": {
                 name: {
                     "T_scan_part": part.T_scan_part.tolist(),

@@ -127,7 +127,7 @@ def estimate_from(model: ArticulatedModel, state: State, labels: np.ndarray) -> 
         undetermined=("wrist",),
         std={name: np.inf if name == "wrist" else 1e-3 for name in model.joint_names},
         evidence=GOOD,
-        covariance=np.zeros((size, size)),
+        covariance=np.diag(np.arange(1.0, size + 1.0)),
         alternatives=(),
         converged=True,
         iterations=3,

@@ -79,6 +79,7 @@ def test_estimate_is_strict_json_with_the_summary(folder: Path) -> None:
     assert summary["joints"] == BOT_JOINTS
     assert summary["confidence"] == 0.9
     assert summary["std"]["wrist"] is None
+    assert summary["base_covariance"] == np.diag(np.arange(1.0, 7.0)).tolist()
 
 
 def test_joint_state_is_a_ros_message_with_mimicking_joints(folder: Path) -> None:
