@@ -132,22 +132,27 @@ def is_scene(scan: Scan, setup: SceneSetup) -> bool:
 def surroundings_of(scan: Scan, left: Bools, setup: SceneSetup) -> Bools:
     """Return which points of `scan` (n,), among those that an answer has `left` unexplained (n,), are of a plane wider
     than any flat face of the model: a patch of floor, table or wall, which a crop leaves about a model."""
-    surfaces, diagonal, options, threads = setup.surfaces, setup.diagonal, setup.options, setup.threads
     found = np.zeros(len(left), bool)
-    if left.sum() < options.region_points:
+    if not left.any():
         return found
     low, _ = preparation.bulk(scan)
-    raw = np.ascontiguousarray((scan.points[left] - low) / diagonal, np.float32)
+    raw = np.ascontiguousarray((scan.points[left] - low) / setup.diagonal, np.float32)
     points, _, cell = kernels.voxel_means(raw, setup.preparing.voxel)
+    found[left] = wide_patches(points, preparation.common_origin(scan, low, setup.diagonal), setup)[cell]
+    return found
+
+
+def wide_patches(points: Singles, origin: Singles | None, setup: SceneSetup) -> Bools:
+    """Return which downsampled `points` (n, 3), seen from an `origin` if one is known, are of a plane wider than any
+    flat face of the model."""
+    surfaces, options, threads = setup.surfaces, setup.options, setup.threads
     if len(points) < options.region_points:
-        return found
-    origin = preparation.common_origin(scan, low, diagonal)
+        return np.zeros(len(points), bool)
     cloud = _Cloud.of(points, _areas(preparation.sixth_neighbour(points, threads)), origin, options, threads)
     shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
     largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
     spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
-    found[left] = _wide_planes(cloud, _Size(spread, options.patch_wider * largest), options)[cell]
-    return found
+    return _wide_planes(cloud, _Size(spread, options.patch_wider * largest), options)
 
 
 def observe_scene(
