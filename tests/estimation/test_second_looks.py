@@ -163,7 +163,7 @@ def test_what_is_out_of_the_picture_is_not_in_sight(excavator: pk.ArticulatedMod
 def test_the_floor_about_a_model_is_not_strange_to_it(
     excavator: pk.ArticulatedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the model stands, the floor that a crop leaves begins beside it, and cost right answers their confidence."""
+    """The floor that a crop leaves begins beside the model, and cost right answers their confidence."""
     made, random = pk.simulate(excavator, sensor=TIERS["full"], seed=5), np.random.default_rng(0)
     T_scan_base, diagonal = made.state.T_scan_base, excavator.diagonal
     own = (made.scan.points - T_scan_base[:3, 3]) @ T_scan_base[:3, :3]

@@ -91,12 +91,12 @@ class Evidence:
     with holes does not show all that is in sight, but what it shows is like the model."""
 
     explained: float
-    """Share of the scan, in a scene of what is near the answer, that lies on the model. Where there is much else, some
-    of that is like the model by chance."""
+    """Share of the scan, in a scene of what is near the answer, that lies on the model; a patch of floor, table or wall
+    does not count. Where there is much else, some of that is like the model by chance."""
 
     strange: float
-    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
-    model, as `nearby`."""
+    """Share of what lies on or near the model that it does not explain, but for a patch of floor, table or wall; in a
+    scene, where other things touch the model, as `nearby`."""
 
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
