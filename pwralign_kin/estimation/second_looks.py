@@ -11,6 +11,7 @@ import numpy as np
 from pwralign_kin.arrays import Bools
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
@@ -21,7 +22,7 @@ from pwralign_kin.estimation.reporting import state_of
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.estimation.sensing.picture import borders_of
 from pwralign_kin.estimation.sensing.preparation import was_prepared, without_far_points
-from pwralign_kin.estimation.sensing.scene import surroundings_of
+from pwralign_kin.estimation.sensing.scene import surroundings_of, wide_patches
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
 from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, SearchedScan, Suppositions
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
@@ -41,6 +42,8 @@ OTHER_SIDES = 3
 """How often in a row other sides are taken, at most: of one part, or of all."""
 PATCHED, STRANGE = 0.5, 0.05
 """Soundness from which, and share of strange points up to which, what an answer leaves unexplained is not looked at."""
+PATCHES = 0.02
+"""Share of strange points from which patches of surroundings are looked for among them: less tells little."""
 OF_OTHER_HAND = 0.02
 """Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
 much, and nearly all to mirror images of models that are not their own."""
@@ -58,6 +61,7 @@ def estimated(
     looks = (_from_other_sides, _within_picture, _beside_surroundings, _without_sensor_origin, _seen_from_own_origin)
     for look in looks:
         searched, estimate = look(estimator, searched, estimate)
+    estimate = _apart_from_surroundings(estimator, searched, estimate)
     estimate = _against_mirror_image(estimator, searched, estimate)
     warn_of_size(scan, estimate)
     return estimate
@@ -143,6 +147,27 @@ def _beside_surroundings(estimator: Estimator, searched: SearchedScan, estimate:
     if other is None or soundness(other[1].evidence) <= soundness(estimate.evidence):
         return searched, estimate
     return other if other[1].confidence >= estimate.confidence else (searched, estimate)
+
+
+def _apart_from_surroundings(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Estimate:
+    """Judge an answer that leaves a patch of its surroundings unexplained by the rest of the scan: the floor that the
+    model stands on begins where the model ends, and is strange to it for no fault of the answer.
+
+    An answer to something else takes the patch for some of the model.
+    """
+    model, comparison, evidence = estimator.model, searched.solver.comparison, estimate.evidence
+    observation = comparison.observation
+    if observation.scene or evidence.strange <= PATCHES:
+        return estimate
+    values = model.values(estimate.state.joints) / model.joint_scales
+    final = Candidates.single(observation.to_search(model.root_placement(estimate.state)), values)
+    patches = comparison.lying(final)[0] > comparison.reach
+    patches[patches] = wide_patches(observation.points[patches], observation.sensor_origin, estimator.scenes)
+    if not patches.any():
+        return estimate
+    apart = gathered(comparison, final, searched.finished, patches)
+    evidence = replace(evidence, nearby=apart.nearby, explained=apart.explained, strange=apart.strange)
+    return replace(estimate, evidence=evidence, confidence=confidence(evidence))
 
 
 def _without_sensor_origin(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:

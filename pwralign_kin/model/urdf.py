@@ -44,7 +44,7 @@ def read_urdf(
     geometry: GeometryKind = "visual",
     xacro_args: Mapping[str, str] = NO_ARGUMENTS,
 ) -> Description:
-    """Read the URDF (or, with suffix .xacro, the xacro with `xacro_args`) at `path` with its `geometry`.
+    """Read the URDF (or the xacro, with `xacro_args`) at `path` with its `geometry`.
 
     Where the whole URDF has no geometry of that kind, the other kind serves, with a warning. A single link
     that lacks the kind in use has no surface: collision hulls, often padded or crude, would put surface where
@@ -74,8 +74,6 @@ class _Reader:
         if not name:
             name = path.name.split(".")[0] or "robot"
             self.warnings.append(f"the robot has no name: taken as {name!r}")
-        if any("xacro" in str(element.tag) for element in robot.iter()):
-            raise ModelError(path, "holds xacro macros: give it the suffix .xacro")
         self._choose_geometry(robot)
         for material in robot.iterfind(".//material"):
             color = self._color(material)

@@ -1,4 +1,4 @@
-"""The text of a URDF: found, expanded from xacro where the suffix says so, and parsed without trust."""
+"""The text of a URDF: found, expanded where it is a xacro, and parsed without trust."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DECLARED_WITHIN = 4096
 
 
 def read_source(path: Path, packages: PackageFolders, xacro_args: Mapping[str, str]) -> bytes:
-    """Return the bytes of the URDF at `path`, after xacro with `xacro_args` where the suffix says so.
+    """Return the bytes of the URDF at `path`, after xacro with `xacro_args` where its suffix or its macros ask for it.
 
     Raises `ModelError`, and `DependencyError` for a xacro without the xacro extra.
     """
@@ -30,14 +30,15 @@ def read_source(path: Path, packages: PackageFolders, xacro_args: Mapping[str, s
         raise ModelError(path, "no such file")
     if not path.is_file():
         raise ModelError(path, "not a file")
-    if path.suffix == ".xacro":
-        return _expand_xacro(path, packages, xacro_args)
-    if xacro_args:
-        raise ModelError(path, "takes no xacro arguments: its name does not end in .xacro")
     try:
-        return path.read_bytes()
+        written = path.read_bytes()
     except OSError as error:
         raise ModelError(path, f"cannot read: {error.strerror}") from None
+    if path.suffix == ".xacro" or b"<xacro:" in re.sub(rb"<!--.*?-->", b"", written, flags=re.DOTALL):
+        return _expand_xacro(path, packages, xacro_args)
+    if xacro_args:
+        raise ModelError(path, "takes no xacro arguments: it holds no macros, and its name does not end in .xacro")
+    return written
 
 
 def _expand_xacro(path: Path, packages: PackageFolders, values: Mapping[str, str]) -> bytes:

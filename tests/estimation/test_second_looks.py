@@ -14,7 +14,7 @@ from pwralign_kin.estimation import second_looks
 from pwralign_kin.estimation.estimator import Estimator
 from pwralign_kin.estimation.stages import Suppositions
 from pwralign_kin.exceptions import CorrespondenceError
-from pwralign_kin.simulation import SimulatedScan, random_state
+from pwralign_kin.simulation import TIERS, SimulatedScan, random_state
 from pwralign_kin.simulation.raycasting import World, looking_at
 from pwralign_kin.simulation.simulator import posed_parts
 
@@ -158,3 +158,21 @@ def test_what_is_out_of_the_picture_is_not_in_sight(excavator: pk.ArticulatedMod
     assert np.linalg.norm(off[:3, 3]) < 0.01 * excavator.diagonal
     assert estimate.evidence.in_sight > 0.8
     assert estimate.confidence > 0.7
+
+
+def test_the_floor_about_a_model_is_not_strange_to_it(
+    excavator: pk.ArticulatedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The floor that a crop leaves begins beside the model, and cost right answers their confidence."""
+    made, random = pk.simulate(excavator, sensor=TIERS["full"], seed=5), np.random.default_rng(0)
+    T_scan_base, diagonal = made.state.T_scan_base, excavator.diagonal
+    own = (made.scan.points - T_scan_base[:3, 3]) @ T_scan_base[:3, :3]
+    across = own[:, :2].mean(axis=0) + random.uniform(-0.35, 0.35, (4000, 2)) * diagonal
+    floor = np.column_stack([across, own[:, 2].min() + random.normal(0.0, 0.001 * diagonal, 4000)])
+    scan = pk.Scan(np.concatenate([made.scan.points, floor @ T_scan_base[:3, :3].T + T_scan_base[:3, 3]]))
+    estimate = pk.estimate(excavator, scan)
+    monkeypatch.setattr(second_looks, "_apart_from_surroundings", lambda estimator, searched, estimate: estimate)
+    before = pk.estimate(excavator, scan)
+    assert estimate.evidence.strange < 0.02 < 0.08 < before.evidence.strange
+    assert estimate.evidence.explained > 0.95 > before.evidence.explained
+    assert estimate.confidence > 0.9 > before.confidence

@@ -332,7 +332,6 @@ def faults(path: Path, **options: object) -> tuple[str, ...]:
         (link("a", '<visual><geometry><sphere radius="-1"/></geometry></visual>'), ("'a'", "negative")),
         (link("a", "<visual><geometry><mesh/></geometry></visual>"), ("'a'", "filename")),
         (link("a", BOX.replace("<visual>", '<visual><origin quat_xyzw="0 0 0 0"/>')), ("'a'", "quat_xyzw")),
-        ('<xacro:macro xmlns:xacro="http://www.ros.org/wiki/xacro"/>', ("xacro", "suffix")),
     ],
 )
 def test_faults(write_urdf: WriteUrdf, body: str, words: tuple[str, ...]) -> None:
@@ -401,12 +400,13 @@ def test_quaternion_origins(read: Read, pitch: float) -> None:
     assert model.part_placements(np.zeros(1))[1] == pytest.approx(expected, abs=1e-9)
 
 
-def test_xacro(write_urdf: WriteUrdf) -> None:
+@pytest.mark.parametrize("name", ["bot.urdf.xacro", "bot.urdf"])
+def test_xacro(write_urdf: WriteUrdf, name: str) -> None:
     pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
     body = '<xacro:property name="reach" value="${1 + 0.5}"/>' + chain(
         '<limit lower="0" upper="${reach}" effort="1" velocity="1"/>'
     )
-    path = write_urdf(body, "bot.urdf.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    path = write_urdf(body, name, '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">')
     model = ArticulatedModel.from_urdf(path)
     assert model.upper[0] == 1.5 and model.name == "bot"
     path.write_text(path.read_text().replace("1 + 0.5", "1 + nothing"))
@@ -417,6 +417,8 @@ def test_xacro_without_the_extra(write_urdf: WriteUrdf, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(DependencyError, match=r"pwralign-kin\[xacro\]"):
         ArticulatedModel.from_urdf(write_urdf(chain(LIMIT), "bot.xacro"))
+    expanded = write_urdf("<!-- was\n<xacro:arm/> -->" + chain(LIMIT), "bot.urdf", XACRO.replace("$(arg name)", "bot"))
+    assert ArticulatedModel.from_urdf(expanded).joint_names == ("j1",)
 
 
 def test_the_normalised_urdf_reads_the_same(read: Read, write_urdf: WriteUrdf) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Bools
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import continued, continued_beside
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
@@ -91,12 +92,12 @@ class Evidence:
     with holes does not show all that is in sight, but what it shows is like the model."""
 
     explained: float
-    """Share of the scan, in a scene of what is near the answer, that lies on the model. Where there is much else, some
-    of that is like the model by chance."""
+    """Share of the scan, in a scene of what is near the answer, that lies on the model; a patch of floor, table or wall
+    does not count. Where there is much else, some of that is like the model by chance."""
 
     strange: float
-    """Share of what lies on or near the model that it does not explain; in a scene, where other things touch the
-    model, as `nearby`."""
+    """Share of what lies on or near the model that it does not explain, but for a patch of floor, table or wall; in a
+    scene, where other things touch the model, as `nearby`."""
 
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
@@ -122,15 +123,20 @@ class Evidence:
     """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
 
 
-def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) -> Evidence:
+def gathered(
+    comparison: ScanComparison, final: Candidates, others: Candidates, surroundings: Bools | None = None
+) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
 
-    Another size of the model is not looked for (`other_size`), nor is a mirror image of the scan.
+    Points of its `surroundings` (m,), none of which lie on the model, are no part of the scan. Another size of the
+    model is not looked for (`other_size`), nor is a mirror image of the scan.
     """
     observation = comparison.observation
     distance, part, cosine = comparison.lying(final)
     explained = distance <= comparison.reach
     areas = observation.areas * comparison.searched
+    if surroundings is not None:
+        areas = areas * ~surroundings
     nearby = areas[~explained & (distance < comparison.options.near)].sum() / areas.sum()
     owners = np.where(explained & comparison.searched, part, -1)
     shares = np.minimum(comparison.explained_shares(owners), 1.0)
@@ -141,7 +147,7 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
     strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
     well = areas[explained & (distance <= max(comparison.noise_reach, ASTRAY * observation.spacing))].sum()
-    astray = 1.0 - well / max(areas[explained].sum(), 1e-9)
+    astray = max(0.0, 1.0 - well / max(areas[explained].sum(), 1e-9))  # sums of other terms round otherwise
     points = np.bincount(owners[owners >= 0], minlength=len(comparison.exists))
     beyond = continued_beside(comparison, final, distance, cosine)
     rivals, apart = _rivals(comparison, final, others, points)

@@ -69,22 +69,27 @@ def is_scene(scan: Scan, setup: SceneSetup) -> bool:
 def surroundings_of(scan: Scan, left: Bools, setup: SceneSetup) -> Bools:
     """Return which points of `scan` (n,), among those that an answer has `left` unexplained (n,), are of a plane wider
     than any flat face of the model: a patch of floor, table or wall, which a crop leaves about a model."""
-    surfaces, diagonal, options, threads = setup.surfaces, setup.diagonal, setup.options, setup.threads
     found = np.zeros(len(left), bool)
-    if left.sum() < options.region_points:
+    if not left.any():
         return found
     low, _ = bulk(scan)
-    raw = np.ascontiguousarray((scan.points[left] - low) / diagonal, np.float32)
+    raw = np.ascontiguousarray((scan.points[left] - low) / setup.diagonal, np.float32)
     points, _, cell = kernels.voxel_means(raw, setup.preparing.voxel)
+    found[left] = wide_patches(points, common_origin(scan, low, setup.diagonal), setup)[cell]
+    return found
+
+
+def wide_patches(points: Singles, origin: Singles | None, setup: SceneSetup) -> Bools:
+    """Return which downsampled `points` (n, 3), seen from an `origin` if one is known, are of a plane wider than any
+    flat face of the model."""
+    surfaces, options, threads = setup.surfaces, setup.options, setup.threads
     if len(points) < options.region_points:
-        return found
-    origin = common_origin(scan, low, diagonal)
+        return np.zeros(len(points), bool)
     cloud = Cloud.of(points, areas_of(sixth_neighbour(points, threads)), origin, options, threads)
     shorter = max(float(s.face_sizes[:, 1].max(initial=0.0)) for s in surfaces)
     largest = max(float(s.face_sizes.prod(axis=1).max(initial=0.0)) for s in surfaces)
     spread = options.patch_wider * max(shorter / np.sqrt(12), options.patch_least)
-    found[left] = wide_planes(cloud, Size(spread, options.patch_wider * largest), options)[cell]
-    return found
+    return wide_planes(cloud, Size(spread, options.patch_wider * largest), options)
 
 
 def observe_scene(

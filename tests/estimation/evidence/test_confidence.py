@@ -79,6 +79,20 @@ def test_surface_that_noise_does_not_explain_is_astray(
     assert found.astray > 0.1
 
 
+def test_what_is_not_searched_is_not_astray(
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    """Rounding made the share of what is astray negative, and the confidence no number."""
+    observation, state = comparison.observation, shifted(full_scan.state, 0.015 * arm.diagonal)
+    final = Candidates.single(observation.to_search(arm.root_placement(state)), arm.values(state.joints) / units)
+    regions = np.where(comparison.lying(final)[0] > comparison.noise_reach, -1, 0).astype(np.int32)
+    assert (regions < 0).any()
+    for seed in range(10):
+        areas = np.random.default_rng(seed).uniform(0.5, 2.0, len(regions)).astype(np.float32)
+        other = comparison.of(dataclasses.replace(observation, areas=areas, regions=regions))
+        assert gathered(other, final, final).astray >= 0.0
+
+
 @pytest.mark.parametrize(
     "worse",
     [
