@@ -265,8 +265,8 @@ class AnswerSearch:
             return self.search.pair_hypotheses(seed, self.search.root_parts[:LEADING])
 
     def _led_to(self, leading: Hypotheses) -> Candidates | None:
-        """Return what grows from the foremost of the leading parts' hypotheses, refined, if that explains the scan.
-        None if not.
+        """Return what grows from the foremost of the leading parts' hypotheses, refined, if that explains the scan and
+        hardly lacks parts: what a scan lacks may be anywhere. None if not.
 
         Another answer that explains it as well has these parts where this one has them, and grows from there, or
         elsewhere, where they fit as well: from all such places is grown, too.
@@ -278,7 +278,7 @@ class AnswerSearch:
             return None
         found = self._refined(search, self._grown(search, foremost), most=FEW_REFINED)
         best = found.best_first().take([0])
-        if not is_explained(self.comparison, best, LED_DOUBT):
+        if not is_explained(self.comparison, best, LED_DOUBT) or self._lacking(best) > LACKING:
             return None
         rivals = others.take(search.rivalling(others, best, RIVAL))
         if len(rivals.parts) == 0:

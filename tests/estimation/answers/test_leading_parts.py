@@ -59,6 +59,18 @@ def test_all_parts_are_searched_where_the_leading_ones_explain_too_little(
     assert answers._led_to(Hypotheses.nothing()) is None
 
 
+def test_all_parts_are_searched_where_the_scan_lacks_some(
+    arm: pk.ArticulatedModel, search: TreeSearch, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    """What is left, one part at most, is explained wherever the others are put."""
+    largest = int(search.root_parts[0])
+    seen = np.flatnonzero(full_scan.labels == largest)
+    answers = searching_scan(arm, pk.Scan(full_scan.scan.points[seen]), units)
+    leading = answers._leading(0)
+    assert leading is not None
+    assert answers._led_to(leading) is None
+
+
 def test_hypotheses_of_leading_parts_are_those_of_a_search_of_all(arm: pk.ArticulatedModel, search: TreeSearch) -> None:
     """They are not made twice, and nothing changes by that."""
     answers = searching(arm, search)
