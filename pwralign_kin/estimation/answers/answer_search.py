@@ -48,6 +48,14 @@ FINE_SIGMA, FINE_SUPPORT = 0.012, 0.3
 """... from this robust scale (model diagonals), with this weight of model support."""
 ABSENT = 0.2
 """Support below which a part is taken for one that a scan of all sides lacks."""
+LEADING, FOREMOST, FEW_REFINED = 2, 4, 8
+"""The largest parts, that may lead to an answer on their own; so many of their hypotheses are grown at first, and so
+many of the configurations that come of it refined."""
+QUIET, LED_DOUBT = 0.006, 1.5
+"""Noise (model diagonals) up to which that is tried, and how many times as many points as of a plainly right answer may
+be unexplained or off what it leads to: repair, which follows, explains some."""
+RIVAL = 0.1
+"""By how much less a leading part may fit somewhere else than there for that to lead to an answer that is as good."""
 GROWN_FROM_BASE = 12
 """Configurations that are grown from each placement of a known base."""
 READINGS = 5
@@ -236,12 +244,47 @@ class AnswerSearch:
 
     def _first_search(self, seed: int) -> Candidates:
         """Search a scan of the model. `CorrespondenceError` if no part fits."""
-        hypotheses = self._hypotheses(seed, self.search)
-        if len(hypotheses.parts) == 0:
-            raise self._nothing_placed
-        found = self._refined(self.search, self._grown(self.search, hypotheses))
+        leading = self._leading(seed)
+        found = None if leading is None else self._led_to(leading)
+        if found is None:
+            hypotheses = self._hypotheses(seed, self.search, leading)
+            if len(hypotheses.parts) == 0:
+                raise self._nothing_placed
+            found = self._refined(self.search, self._grown(self.search, hypotheses))
         with self.watch.stage("repair"):
             return self.repaired(found)
+
+    def _leading(self, seed: int) -> Hypotheses | None:
+        """Return the pair hypotheses of the leading parts where these may tell all: of a scan from all sides, whose
+        noise hides no limb, if nothing else is known. None elsewhere."""
+        sources, observation = self.options.sources, self.search.observation
+        informed = self.correspondences is not None or "fpfh" in sources or self.comparison.known.near
+        if informed or "pairs" not in sources or observation.single_view or observation.noise > QUIET:
+            return None
+        with self.watch.stage("hypotheses"):
+            return self.search.pair_hypotheses(seed, self.search.root_parts[:LEADING])
+
+    def _led_to(self, leading: Hypotheses) -> Candidates | None:
+        """Return what grows from the foremost of the leading parts' hypotheses, refined, if that explains the scan and
+        hardly lacks parts: what a scan lacks may be anywhere. None if not.
+
+        Another answer that explains it as well has these parts where this one has them, and grows from there, or
+        elsewhere, where they fit as well: from all such places is grown, too.
+        """
+        search = self.search
+        ordered = search.promising(leading)
+        foremost, others = ordered.take(slice(FOREMOST)), ordered.take(slice(FOREMOST, None))
+        if len(foremost.parts) == 0:
+            return None
+        found = self._refined(search, self._grown(search, foremost), most=FEW_REFINED)
+        best = found.best_first().take([0])
+        if not is_explained(self.comparison, best, LED_DOUBT) or self._lacking(best) > LACKING:
+            return None
+        rivals = others.take(search.rivalling(others, best, RIVAL))
+        if len(rivals.parts) == 0:
+            return found
+        elsewhere = self._refined(search, self._grown(search, rivals), most=FEW_REFINED)
+        return Candidates.concatenate([found, elsewhere])
 
     def _further_search(self, seed: int, search: TreeSearch, before: Candidates) -> Candidates:
         """Search a scan of the model by other samples, and its pieces too, until they lead to the best answer found
@@ -296,13 +339,19 @@ class AnswerSearch:
         return grown
 
     def _refined(
-        self, search: TreeSearch, grown: Candidates, start: Candidates | None = None, *, times: int = 1
+        self,
+        search: TreeSearch,
+        grown: Candidates,
+        start: Candidates | None = None,
+        *,
+        times: int = 1,
+        most: int | None = None,
     ) -> Candidates:
-        """Return the most promising of what has grown, so many `times` as many as usual, and a configuration to `start`
-        from, refined."""
+        """Return the most promising of what has grown, so many `times` as many as usual or at `most` so many, and a
+        configuration to `start` from, refined."""
         with self.watch.stage("refinement"):
             count = search.options.refined + search.many * search.options.more_refined
-            kept = search.sifted(grown, times * count)
+            kept = search.sifted(grown, most or times * count)
             if start is not None:
                 kept = Candidates.concatenate([start, kept])
             return search.comparison.scored(search.comparison.refined(kept))[0]
@@ -352,8 +401,8 @@ class AnswerSearch:
         together = Candidates.concatenate(several)
         return self.comparison.distinct(together, self.repairing.solutions, self.comparison.options.distinct)
 
-    def _hypotheses(self, seed: int, search: TreeSearch) -> Hypotheses:
-        """Return the part hypotheses that are grown.
+    def _hypotheses(self, seed: int, search: TreeSearch, leading: Hypotheses | None = None) -> Hypotheses:
+        """Return the part hypotheses that are grown, those of the `leading` parts among them if these are known.
 
         Those of faces are few and do not compete with the others: a large part of which one face is seen scores less
         than small ones that lie anywhere on it.
@@ -362,7 +411,8 @@ class AnswerSearch:
             sources = self.options.sources
             found = self._outside(seed)
             if "pairs" in sources:
-                found = Hypotheses.concatenate([search.pair_hypotheses(seed), found])
+                known, parts = ([], search.root_parts) if leading is None else ([leading], search.root_parts[LEADING:])
+                found = Hypotheses.concatenate([*known, search.pair_hypotheses(seed, parts), found])
             promising = search.promising(found)
             if "faces" not in sources:
                 return promising

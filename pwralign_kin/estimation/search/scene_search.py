@@ -180,7 +180,7 @@ def _sources(
         found = Hypotheses.nothing()
         if pairs:
             anchors = max(options.least_anchors, int(share * options.anchors))
-            paired = search.pair_hypotheses(seed, region, anchors, options.more)
+            paired = search.pair_hypotheses(seed, None, region, anchors, options.more)
             found = _promising(search, options, paired, share)
         if faces is not None:
             largest = search.comparison.largest_parts(search.options.root_parts)

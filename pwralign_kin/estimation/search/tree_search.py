@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.arrays import Indices, Ints, Singles
+from pwralign_kin.arrays import Bools, Indices, Ints, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.knowledge.correspondences import OrientedPairs
@@ -17,6 +17,9 @@ from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.se3 import Array
 
 Index = Sequence[int] | NDArray[Any]
+
+PROBES = 40
+"""Samples of a part that tell how far apart two placements of it are."""
 
 
 class TreeSearch:
@@ -34,13 +37,19 @@ class TreeSearch:
         wide = replace(o, beam=o.wide_beam, modes=o.wide_modes, branch_beam=o.wide_branch_beam)
         return TreeSearch(self.comparison.with_options(wide, self.comparison.searched))
 
-    def pair_hypotheses(self, seed: int, region: int = 0, anchors: int = 400, more: float = 1.0) -> Hypotheses:
+    @property
+    def root_parts(self) -> Ints:
+        """The largest parts, that hypotheses start from."""
+        return self.comparison.largest_parts(self.options.root_parts + self.many * self.options.more_root_parts)
+
+    def pair_hypotheses(
+        self, seed: int, parts: Ints | None = None, region: int = 0, anchors: int = 400, more: float = 1.0
+    ) -> Hypotheses:
         """Return poses of the largest parts from oriented point pairs of one region, drawn about `anchors` points.
 
         Of each part, `more` times as many as usual.
         """
-        o = self.options
-        largest = self.comparison.largest_parts(o.root_parts + self.many * o.more_root_parts)
+        largest = self.root_parts if parts is None else parts
         points = np.flatnonzero(self.observation.regions == region)
         return self.part_hypotheses(
             largest, [points] * len(largest), anchors, seed, round(more * self._per_part), self.observation.weights
@@ -52,8 +61,7 @@ class TreeSearch:
         What is left of a part that is cut or covered makes a worse pose than whole parts that only coincide with
         surface elsewhere: each piece has its own share.
         """
-        o = self.options
-        largest = self.comparison.largest_parts(o.root_parts + self.many * o.more_root_parts)
+        o, largest = self.options, self.root_parts
         pieces = halved(self.observation.points, np.arange(len(self.observation.points)), o.halvings)
         return Hypotheses.concatenate(
             [
@@ -111,6 +119,20 @@ class TreeSearch:
         rank = -hypotheses.scores * self.comparison.weights[hypotheses.parts] ** 0.3
         count = count or self.options.roots + self.many * self.options.more_roots
         return hypotheses.take(np.argsort(rank, kind="stable")[:count])
+
+    def rivalling(self, hypotheses: Hypotheses, answer: Candidates, margin: float) -> Bools:
+        """Return which hypotheses (m,) may lead to another answer that is as good: they place their part elsewhere than
+        `answer` (one) does, where it fits worse by no more than `margin`."""
+        placed = self.comparison.part_placements(answer)[0]
+        rivals = np.zeros(len(hypotheses.parts), bool)
+        for part in np.unique(hypotheses.parts):
+            own = hypotheses.parts == part
+            moved = hypotheses.placements[own] - placed[part]
+            probes = self.comparison.surfaces[part].samples[:PROBES] @ np.swapaxes(moved[:, :3, :3], 1, 2)
+            apart = np.linalg.norm(probes + moved[:, None, :3, 3], axis=2).mean(axis=1)
+            fits = self.aligned(np.array([part], np.int32), placed[[part]], 0).scores[0]
+            rivals[own] = (apart > self.options.distinct) & (hypotheses.scores[own] > fits - margin)
+        return rivals
 
     def grow(self, hypotheses: Hypotheses, keep: int = 1) -> Candidates:
         """Return the best `keep` whole configurations grown from each placed part (scored by growth alone)."""

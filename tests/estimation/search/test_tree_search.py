@@ -71,6 +71,19 @@ def test_a_moved_limb_is_not_crowded_out_by_near_copies(search: TreeSearch, righ
     assert (np.diff(kept.scores) <= 0).all()
 
 
+def test_a_part_elsewhere_rivals_an_answer_where_it_fits_as_well(search: TreeSearch, right: Candidates) -> None:
+    part = search.root_parts[0]
+    placed = search.comparison.part_placements(right)[0, part]
+    elsewhere, beside = placed.copy(), placed.copy()
+    elsewhere[:3, 3] += 0.1
+    beside[:3, 3] += 0.01
+    fits = float(search.aligned(np.array([part], np.int32), placed[None], 0).scores[0])
+    scores = np.array([fits, fits, fits - 0.05, fits - 0.15], np.float32)
+    several = Hypotheses(np.full(4, part, np.int32), np.array([beside, elsewhere, elsewhere, elsewhere]), scores)
+    assert search.rivalling(several, right, 0.1).tolist() == [False, True, True, False]
+    assert len(search.rivalling(Hypotheses.nothing(), right, 0.1)) == 0
+
+
 def test_each_piece_of_a_scan_has_hypotheses_of_its_own(search: TreeSearch) -> None:
     points = search.observation.points
     pieces = halved(points, np.arange(len(points)), search.options.halvings)
