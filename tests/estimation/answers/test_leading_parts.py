@@ -15,7 +15,8 @@ from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.observation import ObservationOptions, observe
+from pwralign_kin.estimation.sensing.observation import ObservationOptions
+from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
