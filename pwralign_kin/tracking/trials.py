@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,8 @@ class Trials:
         for values in drawn[against < own][:FITTED]:
             if clock.perf_counter() >= limit:
                 break
-            fits.append(self._fitting.fitted(expected, usual, limit, start=(base, values), held=held, doubt=doubt))
+            about = replace(expected, values=np.where(chain, values, expected.values))
+            fits.append(self._fitting.fitted(about, usual, limit, start=(base, values), held=held, doubt=doubt))
         if clock.perf_counter() >= limit:
             return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
