@@ -18,7 +18,7 @@ from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
-TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 6
+TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 2
 """So many trials of a joint end them unless others fit as well, after so many it is believed, and waits between them
 double so often."""
 
@@ -66,7 +66,7 @@ class Trials:
         return other if usual.misfit(other) <= usual.misfit(fit) + LEAST_GAIN else fit
 
     def tried(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
-        """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
+        """Return the best fit about other values of the chains of joints on trial that are due."""
         doubt = expected.deviations[6:]
         far = self._joints.free & expected.held & (doubt > NEAR)
         if not self.active and not far.any():
@@ -78,10 +78,9 @@ class Trials:
         on_trial = self._spread > 0.0
         self._waited[on_trial] += 1
         due = on_trial & ((self._waited >= 2 ** np.minimum(self._passed, MOST_DOUBLED)) | usual.doubts(fit))
-        chains = [chain for chain in self._joints.chains(on_trial) if (chain & due).any()]
-        if chains:
-            chain = max(chains, key=lambda chain: int(self._waited[chain].max()))
-            fit = self._best(fit, expected, chain, usual, limit)
+        for chain in self._joints.chains(on_trial):
+            if (chain & due).any() and clock.perf_counter() < limit:
+                fit = self._best(fit, expected, chain, usual, limit)
         hidden = (self._spread > 0.0) & self._joints.untold(fit, expected)
         self.apart = np.where(hidden, self._spread, self._alike)
         return fit
