@@ -79,7 +79,7 @@ class Trials:
         self._waited[on_trial] += 1
         due = on_trial & ((self._waited >= 2 ** np.minimum(self._passed, MOST_DOUBLED)) | usual.doubts(fit))
         for chain in self._joints.chains(on_trial):
-            if (chain & due).any() and clock.perf_counter() < limit:
+            if (chain & due).any():
                 fit = self._best(fit, expected, chain, usual, limit)
         hidden = (self._spread > 0.0) & self._joints.untold(fit, expected)
         self.apart = np.where(hidden, self._spread, self._alike)
