@@ -93,11 +93,16 @@ class Trials:
         doubt = np.where(chain, self._spread, 0.0)
         base, held = self._fitting.inward(fit.T_scan_base), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
-        for values in drawn[against < own][:FITTED]:
+        better = against < own
+        for values, least in zip(drawn[better][:FITTED], against[better], strict=False):
             if clock.perf_counter() >= limit:
                 break
-            about = replace(expected, values=np.where(chain, values, expected.values))
-            fits.append(self._fitting.fitted(about, usual, limit, start=(base, values), held=held, doubt=doubt))
+            start = (base, values)
+            other = self._fitting.fitted(expected, usual, limit, start=start, held=held, doubt=doubt)
+            if other.against > least + EVIDENT:  # back where it was expected, though that speaks against it
+                there = replace(expected, values=np.where(chain, values, expected.values))
+                other = self._fitting.fitted(there, usual, limit, start=start, held=held, doubt=doubt)
+            fits.append(other)
         if clock.perf_counter() >= limit:
             return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
