@@ -12,7 +12,7 @@ from pwralign_kin.se3 import Array
 from pwralign_kin.tracking.fit import EVIDENT, FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
-from pwralign_kin.tracking.motion import BelievedMotion
+from pwralign_kin.tracking.motion import LONGEST, BelievedMotion
 from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 
 NEAR = 0.1
@@ -68,7 +68,9 @@ class Trials:
     def tried(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
         """Return the best fit about other values of the chains of joints on trial that are due."""
         doubt = expected.deviations[6:]
-        far = self._joints.free & expected.held & (doubt > NEAR)
+        # After a pause any joint may be elsewhere, where it fits about as well.
+        paused = (expected.ahead > LONGEST) & (self._spread == 0.0)
+        far = self._joints.free & (expected.held | paused) & (doubt > NEAR)
         if not self.active and not far.any():
             return fit
         back = far & ~self._joints.untold(fit, expected)

@@ -69,6 +69,15 @@ def test_a_hidden_joint_is_not_held_where_it_would_be_seen(arm: pk.ArticulatedMo
     assert tracked.model_support > 0.9 and "elbow" in tracked.undetermined
 
 
+def test_after_a_pause_joints_are_doubted_until_other_values_are_tried(
+    arm: pk.ArticulatedModel, moving: Frames
+) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    back = [tracker.update(frame.images[0], 1.0 + frame.time) for frame in moving[1:8]]
+    assert set(back[0].undetermined) == set(arm.joint_names) and not back[-1].undetermined
+
+
 def test_all_chains_that_are_due_are_tried(
     arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
