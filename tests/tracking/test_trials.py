@@ -14,6 +14,7 @@ import pwralign_kin as pk
 from pwralign_kin.simulation import simulate_sequence
 from pwralign_kin.tracking import trials as module
 from pwralign_kin.tracking.fit import Usual
+from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.trials import TRIALS, Trials
 
@@ -149,3 +150,14 @@ def test_a_trial_that_the_time_limit_cuts_short_does_not_count(
     tracker.update(moving[16].images[0], moving[16].time)
     assert trials._drawn == before + drawn
     assert trials._waited[1] == 65 and (trials._passed == passed).all()
+
+
+def test_values_that_nothing_tells_apart_are_drawn_once(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker, _ = elbow_back(arm, moving)
+    monkeypatch.setattr(FrameFitting, "weighed", lambda _, __, values, *___: np.zeros(len(values)))
+    drawn = tracker._trials._drawn
+    tracker._trials._waited[1] = 64
+    tracked = tracker.update(moving[16].images[0], moving[16].time)
+    assert tracker._trials._drawn == drawn + 64 and "elbow" in tracked.undetermined
