@@ -69,16 +69,16 @@ class BelievedMotion:
         """Return what is expected at a later time."""
         ahead = time - self.time
         blind = self.time - self.seen
-        # A speed fades while it is unseen; integrated over the step.
-        fade = np.exp(-blind / MEMORY)
-        step = from_twist(fade[:6] * ahead * self.twist)
+        # A speed fades while it is unseen; after a pause in the stream it says nothing.
+        going = np.exp(-blind / MEMORY) * min(ahead, LONGEST)
+        step = from_twist(going[:6] * self.twist)
         T_scan_base = self.T_scan_base.copy()
         T_scan_base[:3, :3] = step[:3, :3] @ T_scan_base[:3, :3]
         T_scan_base[:3, 3] += step[:3, 3]
         # Unexpected speeds last: deviations grow in proportion to the time, however many frames it has.
         grown = np.minimum(blind + ahead, LONGEST) ** 2 - np.minimum(blind, LONGEST) ** 2
         doubt = self.covariance + np.diag((grown + SHORTEST**2) * _surprises(len(blind)) ** 2)
-        values = self.values + fade[6:] * ahead * self.speeds
+        values = self.values + going[6:] * self.speeds
         return replace(self, time=time, T_scan_base=T_scan_base, values=values, covariance=doubt)
 
     def corrected(

@@ -23,8 +23,9 @@ BETTER, LEAST_GAIN = 0.15, 0.01
 """What is found by a search about a configuration must take away this share of the misfit beyond the usual, and so much
 of it at least."""
 
-MOST_WAIT, MOST_VAIN = 16, 3
-"""Frames between two searches that found nothing, at most; the wait doubles. Ranges grow with so many of them."""
+MOST_DOUBLED, MOST_WIDENED = 4, 3
+"""The second search that finds nothing doubles the wait for the next, and so do those after it, so many times at most;
+so many in vain widen the ranges."""
 
 
 class Suspicion:
@@ -37,7 +38,7 @@ class Suspicion:
         self._clear()
 
     def _clear(self) -> None:
-        self._wait, self._waited, self._vain = 1, 0, 0
+        self._waited, self._vain = 0, 0
 
     def searched(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
         """Return what fits a frame better where parts of the model do not fit."""
@@ -45,17 +46,16 @@ class Suspicion:
             self._clear()
             return fit
         self._waited += 1
-        if self._waited < self._wait or clock.perf_counter() >= limit:
+        if self._waited < 2 ** min(max(self._vain - 1, 0), MOST_DOUBLED) or clock.perf_counter() >= limit:
             return fit
-        least = np.full(len(expected.deviations), LEAST_SWEPT * (1 + self._vain))
+        least = np.full(len(expected.deviations), LEAST_SWEPT * (1 + min(self._vain, MOST_WIDENED)))
         least[3:6] *= 0.25
         ranges = np.maximum(SWEPT_DEVIATIONS * expected.deviations, least)
         better = self._swept(fit, expected, ranges, usual, limit)
         if better is not fit:
             self._clear()
         else:
-            self._wait, self._waited = min(2 * self._wait, MOST_WAIT), 0
-            self._vain = min(self._vain + 1, MOST_VAIN)
+            self._waited, self._vain = 0, self._vain + 1
         return better
 
     def _swept(self, fit: FrameFit, expected: BelievedMotion, ranges: Array, usual: Usual, limit: float) -> FrameFit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,13 @@ from pwralign_kin.se3 import Array
 from pwralign_kin.tracking.fit import EVIDENT, FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
-from pwralign_kin.tracking.motion import BelievedMotion
+from pwralign_kin.tracking.motion import LONGEST, BelievedMotion
 from pwralign_kin.tracking.suspicion import LEAST_GAIN, SWEPT_DEVIATIONS
 
 NEAR = 0.1
 """Standard deviation (rad or model diagonals) of a joint within which a fit finds it without a search."""
 
-TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 6
+TRIALS, BELIEVED, MOST_DOUBLED = 5, 2, 2
 """So many trials of a joint end them unless others fit as well, after so many it is believed, and waits between them
 double so often."""
 
@@ -65,9 +66,11 @@ class Trials:
         return other if usual.misfit(other) <= usual.misfit(fit) + LEAST_GAIN else fit
 
     def tried(self, fit: FrameFit, expected: BelievedMotion, usual: Usual, limit: float) -> FrameFit:
-        """Return the best fit about other values of one chain of joints on trial, that which has waited longest."""
+        """Return the best fit about other values of the chains of joints on trial that are due."""
         doubt = expected.deviations[6:]
-        far = self._joints.free & expected.held & (doubt > NEAR)
+        # After a pause any joint may be elsewhere, where it fits about as well.
+        paused = (expected.ahead > LONGEST) & (self._spread == 0.0)
+        far = self._joints.free & (expected.held | paused) & (doubt > NEAR)
         if not self.active and not far.any():
             return fit
         back = far & ~self._joints.untold(fit, expected)
@@ -77,10 +80,9 @@ class Trials:
         on_trial = self._spread > 0.0
         self._waited[on_trial] += 1
         due = on_trial & ((self._waited >= 2 ** np.minimum(self._passed, MOST_DOUBLED)) | usual.doubts(fit))
-        chains = [chain for chain in self._joints.chains(on_trial) if (chain & due).any()]
-        if chains:
-            chain = max(chains, key=lambda chain: int(self._waited[chain].max()))
-            fit = self._best(fit, expected, chain, usual, limit)
+        for chain in self._joints.chains(on_trial):
+            if (chain & due).any():
+                fit = self._best(fit, expected, chain, usual, limit)
         hidden = (self._spread > 0.0) & self._joints.untold(fit, expected)
         self.apart = np.where(hidden, self._spread, self._alike)
         return fit
@@ -93,10 +95,16 @@ class Trials:
         doubt = np.where(chain, self._spread, 0.0)
         base, held = self._fitting.inward(fit.T_scan_base), expected.held & self._joints.untold(fit, expected) & ~chain
         fits = [fit]
-        for values in drawn[against < own][:FITTED]:
+        better = against < own
+        for values, least in zip(drawn[better][:FITTED], against[better], strict=False):
             if clock.perf_counter() >= limit:
                 break
-            fits.append(self._fitting.fitted(expected, usual, limit, start=(base, values), held=held, doubt=doubt))
+            start = (base, values)
+            other = self._fitting.fitted(expected, usual, limit, start=start, held=held, doubt=doubt)
+            if other.against > least + EVIDENT:  # back where it was expected, though that speaks against it
+                there = replace(expected, values=np.where(chain, values, expected.values))
+                other = self._fitting.fitted(there, usual, limit, start=start, held=held, doubt=doubt)
+            fits.append(other)
         if clock.perf_counter() >= limit:
             return fit  # what is cut short tells nothing
         fitted = np.array([other.values for other in fits])
@@ -147,6 +155,8 @@ class Trials:
             own, order = float(against[0]), np.argsort(against, kind="stable")
             rows, against = rows[order], against[order]
             about = rows[:KEPT, chain]
+            if against[-1] - against[0] < EVIDENT:  # nothing tells them apart, as of hidden parts or round ones
+                return rows, against, float(against[0])
         return rows, against, own
 
     def _spaced(self, count: int, size: int) -> Array:

@@ -154,16 +154,25 @@ def test_motion_goes_on_as_fast_as_it_went() -> None:
     motion = BelievedMotion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0)
     for index in range(1, 40):
         expected = motion.predicted(index / 30)
-        true = replace(BelievedMotion.at_rest(0.0, np.eye(4), np.zeros(2), 0.0), twist=twist, speeds=speeds).predicted(
-            index / 30
-        )
         told = (1e-6 * np.eye(8), np.zeros(2, bool))
-        motion = expected.corrected(true.T_scan_base, true.values, *told, np.full(2, np.inf), motion)
+        true = from_twist(index / 30 * twist)
+        motion = expected.corrected(true, index / 30 * speeds, *told, np.full(2, np.inf), motion)
     np.testing.assert_allclose(motion.speeds, speeds, atol=1e-3)
     np.testing.assert_allclose(motion.twist, twist, atol=1e-2)
     ahead = motion.predicted(motion.time + 0.1)
     moved = from_twist(0.1 * twist)[:3, :3]
     assert rotation_angle(inverse(ahead.T_scan_base)[:3, :3] @ moved @ motion.T_scan_base[:3, :3]) < 1e-3
+
+
+def test_no_speed_goes_on_through_a_pause(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    for frame in moving[:10]:
+        tracker.update(frame.images[0], frame.time)
+    assert tracker._motion is not None
+    moved = tracker._motion.predicted(moving[9].time + 3600.0)
+    assert np.abs(moved.values - tracker._motion.values).max() < 0.6
+    tracked = tracker.update(moving[10].images[0], moving[9].time + 3600.0)
+    assert not tracked.lost and errors(arm, tracked.state, moving[10].state)[0] < 2.0
 
 
 def _seen_at(motion: BelievedMotion, time: float, value: float, deviation: float) -> BelievedMotion:

@@ -14,6 +14,8 @@ import pwralign_kin as pk
 from pwralign_kin.simulation import simulate_sequence
 from pwralign_kin.tracking import trials as module
 from pwralign_kin.tracking.fit import Usual
+from pwralign_kin.tracking.frame_fitting import FrameFitting
+from pwralign_kin.tracking.joints import Joints
 from pwralign_kin.tracking.trials import TRIALS, Trials
 
 
@@ -54,6 +56,40 @@ def test_a_joint_that_moved_far_while_it_was_hidden_is_found(arm: pk.Articulated
     for frame in moving[15:18]:
         tracked = tracker.update(frame.images[0], frame.time)
     assert errors(arm, tracked.state, moving[17].state)[0] < 2.0
+
+
+def test_a_hidden_joint_is_not_held_where_it_would_be_seen(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    for frame in moving[1:15]:
+        tracker.update(forearm_hidden(arm, frame), frame.time)
+    assert tracker._motion is not None
+    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, 1.2]))
+    for frame in moving[15:18]:
+        tracked = tracker.update(forearm_hidden(arm, frame), frame.time)
+    assert tracked.model_support > 0.9 and "elbow" in tracked.undetermined
+
+
+def test_after_a_pause_joints_are_doubted_until_other_values_are_tried(
+    arm: pk.ArticulatedModel, moving: Frames
+) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    back = [tracker.update(frame.images[0], 1.0 + frame.time) for frame in moving[1:8]]
+    assert set(back[0].undetermined) == set(arm.joint_names) and not back[-1].undetermined
+
+
+def test_all_chains_that_are_due_are_tried(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = pk.Tracker(arm, initial=moving[0].state)
+    tracker.update(moving[0].images[0], 0.0)
+    tracker._trials._spread[:], tracker._trials._waited[:] = 0.5, 64
+    tried = []
+    monkeypatch.setattr(Joints, "chains", lambda *_: [np.array([True, False]), np.array([False, True])])
+    monkeypatch.setattr(Trials, "_best", lambda _, fit, expected, chain, *__: (tried.append(chain.tolist()), fit)[1])
+    tracker.update(moving[1].images[0], moving[1].time)
+    assert tried == [[True, False], [False, True]]
 
 
 def test_a_joint_that_stays_hidden_is_tried_ever_less(
@@ -114,3 +150,14 @@ def test_a_trial_that_the_time_limit_cuts_short_does_not_count(
     tracker.update(moving[16].images[0], moving[16].time)
     assert trials._drawn == before + drawn
     assert trials._waited[1] == 65 and (trials._passed == passed).all()
+
+
+def test_values_that_nothing_tells_apart_are_drawn_once(
+    arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker, _ = elbow_back(arm, moving)
+    monkeypatch.setattr(FrameFitting, "weighed", lambda _, __, values, *___: np.zeros(len(values)))
+    drawn = tracker._trials._drawn
+    tracker._trials._waited[1] = 64
+    tracked = tracker.update(moving[16].images[0], moving[16].time)
+    assert tracker._trials._drawn == drawn + 64 and "elbow" in tracked.undetermined
