@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pwralign_kin.arrays import Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import continued, continued_beside
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
@@ -70,6 +71,10 @@ class Evidence:
     told: float
     """The same, and against what is hardly a rival: would the answer be wrong if the other were right?"""
 
+    ahead: float
+    """Score by which the answer is ahead of the next of all others that were found, or that the model's symmetry makes,
+    wherever they lie; 1 without any. Limbs that can be taken for each other are the likelier to be mistaken."""
+
     noise: float
     """Standard deviation of the scan points from their local planes, model diagonals."""
 
@@ -124,7 +129,8 @@ class Evidence:
 def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
 
-    Another size of the model is not looked for (`other_size`), nor is a mirror image of the scan.
+    The answer is the first of the others. Another size of the model is not looked for (`other_size`), nor are answers
+    that its symmetry makes, nor a mirror image of the scan.
     """
     observation = comparison.observation
     distance, part, cosine = comparison.lying(final)
@@ -157,6 +163,7 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
         margin=margin,
         distinct=distinct,
         told=told,
+        ahead=ahead_of(others.scores[:1], others.scores[1:]),
         noise=observation.noise,
         borne_out=min(1.0, confirmed * float(shares @ weights) / float(weights.sum()) / pictured),
         in_sight=in_sight,
@@ -172,6 +179,11 @@ def gathered(comparison: ScanComparison, final: Candidates, others: Candidates) 
         size_gain=SAME_SIZE.gain,
         mirrored=0.0,
     )
+
+
+def ahead_of(score: Singles, others: Singles) -> float:
+    """Return by how much an answer's `score` (1,) is ahead of the next of the `others` (m,); 1 without any."""
+    return float((score - others).min(initial=1.0))
 
 
 def on_surface(evidence: Evidence) -> float:
