@@ -12,9 +12,10 @@ PRESENT = (3.07, 3.71, 1.37, 0.15, -1.83, -2.05, -4.57, 0.23)
 RIGHT = (0.25, -0.54, -0.38, -2.0, 0.98, 0.74, 0.4)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-Both by `pwralign_kin.benchmark.calibration`: the first to the answers of `python scripts/benchmark.py --table
-confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
-are. The table shows what it finds beside these."""
+The first is the fit of `python scripts/benchmark.py --table confidence` (`pwralign_kin.benchmark.calibration`). Too few
+of today's answers are wrong to fit the second, which lies between what an earlier estimator's answers, wrong more
+often, and today's make of it: how much `uneven` and `ahead` count is by today's. The table shows what it finds beside
+these."""
 MOST_UNLIKE = 0.2
 """Share of strange and astray points from which more tells no more: fused meshes, and sensors that bend surfaces, make
 as much of right answers."""

@@ -66,7 +66,8 @@ class Evidence:
 
     distinct: float
     """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
-    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
+    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike. In a
+    scene, points speak for a better rival only where they are oriented like it: the others are of other things."""
 
     told: float
     """The same, and against what is hardly a rival: would the answer be wrong if the other were right?"""
@@ -274,6 +275,8 @@ def _distinctness(comparison: ScanComparison, compared: Candidates) -> NDArray[n
     distances = comparison.distances(given, comparison.part_placements(compared), comparison.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
+    if comparison.observation.scene:
+        gains = _but_for_other_things(comparison, compared, explained, gains)
     sums, variances = gains.sum(axis=1), (gains**2).sum(axis=1)
     better = sums < 0.0
     shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
@@ -282,6 +285,24 @@ def _distinctness(comparison: ScanComparison, compared: Candidates) -> NDArray[n
         together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
         variances[better] += shared * np.maximum(together - variances[better], 0.0)
     return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
+
+
+def _but_for_other_things(
+    comparison: ScanComparison, compared: Candidates, explained: Singles, gains: Singles
+) -> Singles:
+    """Return how much better (rivals, n) the points of a scene lie on the answer than on each rival: of those that are
+    better, by points that are oriented like the surface. In other things, limbs explain much that is not."""
+    given, normals = comparison.observation.given, comparison.observation.given_normals
+    placements, gains = comparison.part_placements(compared), gains.copy()
+
+    def alike(rank: int) -> Singles:
+        cosine = comparison.facing(given, normals, placements[rank], comparison.exists, REACH)
+        return np.asarray(explained[rank] * (np.abs(cosine) >= ALIKE), np.float32)
+
+    better = np.flatnonzero(gains.sum(axis=1) < 0.0)
+    if len(better):
+        gains[better] = alike(0) - np.array([alike(1 + int(rank)) for rank in better])
+    return gains
 
 
 def _with_joints_moved(comparison: ScanComparison, final: Candidates, points: NDArray[np.int64]) -> Candidates:

@@ -213,6 +213,32 @@ def test_points_that_err_together_prefer_a_rival_by_no_more_than_their_patches(
     assert -8.0 < worse < -1.0
 
 
+def test_in_a_scene_points_oriented_otherwise_do_not_speak_for_a_rival(
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    observation = comparison.observation
+    base = observation.to_search(arm.root_placement(full_scan.state))
+    values = np.tile(arm.values(full_scan.state.joints) / units, (2, 1))
+    values[1, arm.joint_names.index("elbow")] -= 0.8 * np.sign(full_scan.state.joints["elbow"])
+    both = Candidates(np.array([base, base]), values, np.zeros(2, np.float32))
+    last = int(comparison.exists.nonzero()[0][-1])
+    placed = comparison.part_placements(both)[1, last]
+    surface = comparison.surfaces[last]
+    elsewhere, normals = surface.samples @ placed[:3, :3].T + placed[:3, 3], surface.normals @ placed[:3, :3].T
+    across = np.cross(normals, np.roll(normals, 1, axis=1))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+
+    def distinct(normals: np.ndarray, scene: bool) -> float:
+        points = np.concatenate([observation.given, *[elsewhere] * 20]).astype(np.float32)
+        directions = np.concatenate([observation.given_normals, *[normals] * 20]).astype(np.float32)
+        seen = dataclasses.replace(observation, given=points, given_normals=directions, scene=scene)
+        return float(_distinctness(comparison.of(seen), both)[0])
+
+    assert distinct(normals, True) < -5.0
+    assert distinct(across, False) < -5.0
+    assert distinct(across, True) > 5.0
+
+
 def test_few_points_a_part_are_little_to_go_by() -> None:
     chances = [confidence(dataclasses.replace(FAIR, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
     assert chances[0] < chances[1] - 0.01 < chances[2] - 0.02
