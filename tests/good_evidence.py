@@ -11,6 +11,7 @@ GOOD = Evidence(
     margin=0.05,
     distinct=8.0,
     told=8.0,
+    ahead=0.3,
     noise=0.002,
     borne_out=0.6,
     in_sight=0.85,

@@ -114,7 +114,7 @@ def auroc(confidences: Sequence[float], right: Sequence[bool]) -> float:
 
 
 def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
-    """Return intercept and coefficients (6,) of what tells right answers from wrong ones, the model being there.
+    """Return intercept and coefficients (7,) of what tells right answers from wrong ones, the model being there.
 
     It is the product with the chance of being there, by the coefficients `present`, that is to be right as often as it
     says: expectation maximisation tells how far answers are wrong for what the one does not know or the other.
@@ -133,7 +133,7 @@ def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
 
 
 def fitted_presence(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]) -> Array:
-    """Return intercept and coefficients (7,) of what tells scans of the model from those it is not in, `elsewhere`."""
+    """Return intercept and coefficients (8,) of what tells scans of the model from those it is not in, `elsewhere`."""
     values = [confidence.presence_features(_evidence(own)) for own in (*outcomes, *elsewhere)]
     there = np.repeat([1.0, 0.0], [len(outcomes), len(elsewhere)])
     return _logistic_regression(values, there, np.ones(len(there)), PRESENCE_RIDGE)
@@ -158,8 +158,8 @@ def coefficients_table(outcomes: Sequence[Outcome], elsewhere: Sequence[Outcome]
     and as they are written down there."""
     names = (
         "present: intercept", "unlike and little alike", "shown", "distinct", "continued", "refuted",
-        "another size",
-        "right: intercept", "nearby", "lacking", "uneven", "told", "few points",
+        "another size", "ahead",
+        "right: intercept", "nearby", "lacking", "uneven", "told", "few points", "ahead",
     )  # fmt: skip
     present = fitted_presence(outcomes, elsewhere)
     found = np.concatenate([present, fitted(outcomes, present)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import total_coverage
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.evidence.confidence import confidence
+from pwralign_kin.estimation.evidence.evidence import ahead_of
 from pwralign_kin.estimation.options import EstimatorOptions, changed
 from pwralign_kin.estimation.result import Alternative, Estimate, PartEstimate
 from pwralign_kin.estimation.sensing.observation import Observation
@@ -36,6 +39,7 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
     seen = comparison.seen_shares(final)[0]
     with searched.watch.stage("equal answers"):
         others = _others(comparison, final, finished, equal)
+        evidence = replace(judged.evidence, ahead=ahead_of(finished.scores[:1], others.scores))
     state = state_of(model, observation, solution.base, solution.values)
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
     labels, distances = _labels(scan, comparison, observation.to_search(T_scan_parts))
@@ -51,8 +55,8 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
     return Estimate(
         state=state,
         cost=-float(finished.scores[0]),
-        confidence=confidence(judged.evidence),
-        evidence=judged.evidence,
+        confidence=confidence(evidence),
+        evidence=evidence,
         inlier_rmse=_rms(distances[explained]),
         scan_coverage=float(explained.mean()),
         model_support=float(seen @ (comparison.weights * comparison.exists)),

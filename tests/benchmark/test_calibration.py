@@ -105,8 +105,9 @@ def test_coefficients_are_found_again_from_answers_that_are_as_often_right_as_th
     def drawn(present: bool) -> Outcome:
         found = Evidence(
             nearby=random.uniform(0.0, 0.05), lacking=random.uniform(0.0, 0.6), uneven=random.uniform(1.0, 3.0),
-            margin=0.0, distinct=random.uniform(-4.0, 12.0), told=random.uniform(-4.0, 12.0), noise=0.002,
-            borne_out=0.5, shown=random.uniform(0.5, 0.7) if present else random.uniform(0.02, 0.3),
+            margin=0.0, distinct=random.uniform(-4.0, 12.0), told=random.uniform(-4.0, 12.0),
+            ahead=random.uniform(0.0, 0.3), noise=0.002, borne_out=0.5,
+            shown=random.uniform(0.5, 0.7) if present else random.uniform(0.02, 0.3),
             in_sight=random.uniform(0.7, 0.9) if present else random.uniform(0.2, 0.5),
             agreed=0.95, explained=1.0 if present else 0.5,
             strange=0.0, astray=0.0 if present else random.uniform(0.0, 0.5), refuted=0.0, continued=0.0,

@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 
 from pwralign_kin.estimation.evidence.evidence import Evidence, logistic, on_surface
 
-PRESENT = (2.56, 3.73, 1.4, 0.18, -1.83, -2.09, -4.61)
+PRESENT = (3.07, 3.71, 1.37, 0.15, -1.83, -2.05, -4.57, 0.23)
 """Coefficients of 1 and of what tells whether the model is in the scan at all (`presence_features`), ..."""
-RIGHT = (-0.47, -0.43, -0.3, -0.86, 0.78, 0.59)
+RIGHT = (0.25, -0.54, -0.38, -2.0, 0.98, 0.74, 0.4)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-Both by `pwralign_kin.benchmark.calibration`: the first to the answers of `python scripts/benchmark.py --table
-confidence`, the second to answers of an earlier estimator that was wrong more often, for too few of today's
-are. The table shows what it finds beside these."""
+The first is the fit of `python scripts/benchmark.py --table confidence` (`pwralign_kin.benchmark.calibration`). Too few
+of today's answers are wrong to fit the second, which lies between what an earlier estimator's answers, wrong more
+often, and today's make of it: how much `uneven` and `ahead` count is by today's. The table shows what it finds beside
+these."""
 MOST_UNLIKE = 0.2
 """Share of strange and astray points from which more tells no more: fused meshes, and sensors that bend surfaces, make
 as much of right answers."""
@@ -27,6 +28,8 @@ ALIKE = 0.8 * AGREED[1]
 explained."""
 SHOWN = (0.2, 0.6)
 """How much surface is in sight, against what a picture usually shows: less tells no more, nor does more."""
+AHEAD = (0.01, 0.3)
+"""Score by which an answer is ahead of the next: less is none, and beyond the second, more tells no more."""
 CONTINUED = (0.15, 0.55)
 """Share of the edges beyond which surface goes on: simulated scans have less where the answer is right, real sensors
 that widen outlines a little more; beyond the second, more tells no more."""
@@ -60,7 +63,7 @@ def _of_this_hand(evidence: Evidence) -> float:
 
 
 def presence_features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a scan of the model from one of something else (6,).
+    """Return what tells a scan of the model from one of something else (7,).
 
     What lies on or near the model and is not of it to within the noise counts the more, the less of the model in sight
     is confirmed, the less what is seen of it agrees, and the less of the scan it explains: masks leak and sensors bend
@@ -80,12 +83,13 @@ def presence_features(evidence: Evidence) -> NDArray[np.float64]:
             10.0 * (np.clip(evidence.continued, *CONTINUED) - CONTINUED[0]),
             10.0 * (np.clip(evidence.refuted, *REFUTED) - REFUTED[0]),
             (np.clip(evidence.size_gain, *SIZE_GAIN) - SIZE_GAIN[0]) / (SIZE_GAIN[1] - SIZE_GAIN[0]),
+            _ahead(evidence),
         ]
     )
 
 
 def features(evidence: Evidence) -> NDArray[np.float64]:
-    """Return what tells a right answer from a wrong one (5,), within the range that simulated scans tell apart:
+    """Return what tells a right answer from a wrong one (6,), within the range that simulated scans tell apart:
     logarithms, or nearly, for the first doubts weigh most."""
     distinct, told = np.clip([evidence.distinct, evidence.told], -8.0, 12.0)
     return np.array(
@@ -95,5 +99,12 @@ def features(evidence: Evidence) -> NDArray[np.float64]:
             np.log(np.clip(evidence.uneven, 0.8, 3.0)),
             np.arcsinh((distinct + (told - distinct) * max(0.0, 1.0 - evidence.astray / BENT)) / 2.0),
             np.log(np.clip(evidence.points_per_part, 1.0, FEW) / FEW),
+            _ahead(evidence),
         ]
     )
+
+
+def _ahead(evidence: Evidence) -> float:
+    """Return the logarithm of how far the answer is ahead of the next."""
+    least, most = AHEAD
+    return float(np.log((np.clip(evidence.ahead, 0.0, most) + least) / (most + least)))

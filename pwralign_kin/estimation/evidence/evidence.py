@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pwralign_kin.arrays import Bools
+from pwralign_kin.arrays import Bools, Singles
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import continued, continued_beside
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
@@ -67,10 +67,15 @@ class Evidence:
 
     distinct: float
     """The same in standard deviations, and by the points alone: how much better each of them lies on the answer than
-    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike."""
+    on the rival, summed, over the root of the sum of the squares. Noise, and few points, make all answers alike. In a
+    scene, points speak for a better rival only where they are oriented like it: the others are of other things."""
 
     told: float
     """The same, and against what is hardly a rival: would the answer be wrong if the other were right?"""
+
+    ahead: float
+    """Score by which the answer is ahead of the next of all others that were found, or that the model's symmetry makes,
+    wherever they lie; 1 without any. Limbs that can be taken for each other are the likelier to be mistaken."""
 
     noise: float
     """Standard deviation of the scan points from their local planes, model diagonals."""
@@ -128,8 +133,9 @@ def gathered(
 ) -> Evidence:
     """Return the evidence for the `final` configuration (one) against all `others` that the search ended with.
 
-    Points of its `surroundings` (m,), none of which lie on the model, are no part of the scan. Another size of the
-    model is not looked for (`other_size`), nor is a mirror image of the scan.
+    The answer is the first of the others. Points of its `surroundings` (m,), none of which lie on the model, are no
+    part of the scan. Another size of the model is not looked for (`other_size`), nor are answers that its symmetry
+    makes, nor a mirror image of the scan.
     """
     observation = comparison.observation
     distance, part, cosine = comparison.lying(final)
@@ -164,6 +170,7 @@ def gathered(
         margin=margin,
         distinct=distinct,
         told=told,
+        ahead=ahead_of(others.scores[:1], others.scores[1:]),
         noise=observation.noise,
         borne_out=min(1.0, confirmed * float(shares @ weights) / float(weights.sum()) / pictured),
         in_sight=in_sight,
@@ -179,6 +186,11 @@ def gathered(
         size_gain=SAME_SIZE.gain,
         mirrored=0.0,
     )
+
+
+def ahead_of(score: Singles, others: Singles) -> float:
+    """Return by how much an answer's `score` (1,) is ahead of the next of the `others` (m,); 1 without any."""
+    return float((score - others).min(initial=1.0))
 
 
 def on_surface(evidence: Evidence) -> float:
@@ -269,6 +281,8 @@ def _distinctness(comparison: ScanComparison, compared: Candidates) -> NDArray[n
     distances = comparison.distances(given, comparison.part_placements(compared), comparison.exists, REACH)
     explained = np.exp(-0.5 * (distances / blur) ** 2)
     gains = explained[0] - explained[1:]
+    if comparison.observation.scene:
+        gains = _but_for_other_things(comparison, compared, explained, gains)
     sums, variances = gains.sum(axis=1), (gains**2).sum(axis=1)
     better = sums < 0.0
     shared = 1.0 - (noise**2 + UNSHARED**2) / max(residual, 1e-9) ** 2
@@ -277,6 +291,24 @@ def _distinctness(comparison: ScanComparison, compared: Candidates) -> NDArray[n
         together = np.array([np.square(np.bincount(patch, own)).sum() for own in gains[better]])
         variances[better] += shared * np.maximum(together - variances[better], 0.0)
     return np.asarray(sums / np.sqrt(variances + 1e-9), np.float64)
+
+
+def _but_for_other_things(
+    comparison: ScanComparison, compared: Candidates, explained: Singles, gains: Singles
+) -> Singles:
+    """Return how much better (rivals, n) the points of a scene lie on the answer than on each rival: of those that are
+    better, by points that are oriented like the surface. In other things, limbs explain much that is not."""
+    given, normals = comparison.observation.given, comparison.observation.given_normals
+    placements, gains = comparison.part_placements(compared), gains.copy()
+
+    def alike(rank: int) -> Singles:
+        cosine = comparison.facing(given, normals, placements[rank], comparison.exists, REACH)
+        return np.asarray(explained[rank] * (np.abs(cosine) >= ALIKE), np.float32)
+
+    better = np.flatnonzero(gains.sum(axis=1) < 0.0)
+    if len(better):
+        gains[better] = alike(0) - np.array([alike(1 + int(rank)) for rank in better])
+    return gains
 
 
 def _with_joints_moved(comparison: ScanComparison, final: Candidates, points: NDArray[np.int64]) -> Candidates:

@@ -10,6 +10,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin import se3
+from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.model.symmetry import find_symmetry
 from pwralign_kin.simulation import FULL, SimulatedScan
 
@@ -55,6 +56,14 @@ def test_interchanged_legs_are_an_equal_answer(walker: pk.ArticulatedModel, scan
     turn = se3.inverse(estimate.state.T_scan_base) @ other.state.T_scan_base
     np.testing.assert_allclose(turn[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=0.02)
     assert np.linalg.norm(turn[:3, 3]) < 0.01
+
+
+def test_an_equal_answer_leaves_none_ahead(walker: pk.ArticulatedModel, scanned: SimulatedScan) -> None:
+    estimate = pk.estimate(walker, scanned.scan)
+    assert estimate.evidence.ahead == pytest.approx(min(own.cost - estimate.cost for own in estimate.alternatives))
+    assert estimate.evidence.ahead < 0.01
+    alone = replace(estimate.evidence, ahead=1.0)
+    assert estimate.confidence == confidence(estimate.evidence) < confidence(alone)
 
 
 def test_limits_forbid_what_only_looks_equal(walker: pk.ArticulatedModel, scanned: SimulatedScan) -> None:

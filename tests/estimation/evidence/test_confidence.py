@@ -19,6 +19,9 @@ from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
+FAIR = dataclasses.replace(GOOD, distinct=4.0, told=2.0, ahead=0.1)
+"""An answer that is not so good that one more doubt would hardly count."""
+
 
 def evidence(comparison: ScanComparison, arm: pk.ArticulatedModel, state: pk.State, units: np.ndarray) -> Evidence:
     base = comparison.observation.to_search(arm.root_placement(state))
@@ -101,6 +104,7 @@ def test_what_is_not_searched_is_not_astray(
         {"uneven": 3.0},
         {"distinct": 0.0},
         {"told": 0.0},
+        {"ahead": 0.0},
         {"noise": 0.03},
         {"shown": 0.1},
         {"in_sight": 0.5, "strange": 0.3},
@@ -112,8 +116,8 @@ def test_what_is_not_searched_is_not_astray(
     ids=lambda worse: " ".join(worse),
 )
 def test_every_doubt_lowers_the_confidence(worse: dict[str, float]) -> None:
-    assert confidence(GOOD) > 0.9
-    assert confidence(dataclasses.replace(GOOD, **worse)) < confidence(GOOD) - 0.01
+    assert confidence(FAIR) > 0.9
+    assert confidence(dataclasses.replace(FAIR, **worse)) < confidence(FAIR) - 0.01
 
 
 def test_holes_of_a_scan_count_only_beside_what_is_not_of_the_model() -> None:
@@ -224,8 +228,34 @@ def test_points_that_err_together_prefer_a_rival_by_no_more_than_their_patches(
     assert -8.0 < worse < -1.0
 
 
+def test_in_a_scene_points_oriented_otherwise_do_not_speak_for_a_rival(
+    comparison: ScanComparison, arm: pk.ArticulatedModel, full_scan: SimulatedScan, units: np.ndarray
+) -> None:
+    observation = comparison.observation
+    base = observation.to_search(arm.root_placement(full_scan.state))
+    values = np.tile(arm.values(full_scan.state.joints) / units, (2, 1))
+    values[1, arm.joint_names.index("elbow")] -= 0.8 * np.sign(full_scan.state.joints["elbow"])
+    both = Candidates(np.array([base, base]), values, np.zeros(2, np.float32))
+    last = int(comparison.exists.nonzero()[0][-1])
+    placed = comparison.part_placements(both)[1, last]
+    surface = comparison.surfaces[last]
+    elsewhere, normals = surface.samples @ placed[:3, :3].T + placed[:3, 3], surface.normals @ placed[:3, :3].T
+    across = np.cross(normals, np.roll(normals, 1, axis=1))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+
+    def distinct(normals: np.ndarray, scene: bool) -> float:
+        points = np.concatenate([observation.given, *[elsewhere] * 20]).astype(np.float32)
+        directions = np.concatenate([observation.given_normals, *[normals] * 20]).astype(np.float32)
+        seen = dataclasses.replace(observation, given=points, given_normals=directions, scene=scene)
+        return float(_distinctness(comparison.of(seen), both)[0])
+
+    assert distinct(normals, True) < -5.0
+    assert distinct(across, False) < -5.0
+    assert distinct(across, True) > 5.0
+
+
 def test_few_points_a_part_are_little_to_go_by() -> None:
-    chances = [confidence(dataclasses.replace(GOOD, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
+    chances = [confidence(dataclasses.replace(FAIR, points_per_part=count)) for count in (1.0, 6.0, 15.0, 300.0)]
     assert chances[0] < chances[1] - 0.01 < chances[2] - 0.02
     assert chances[2] == chances[3]
 
