@@ -22,12 +22,20 @@ from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSqu
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways
 from pwralign_kin.estimation.search.repair import repair
 from pwralign_kin.estimation.search.tree_search import TreeSearch
+from pwralign_kin.estimation.search.voting import limbs_voted
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
 from pwralign_kin.estimation.sensing.scene import close_up
 from pwralign_kin.model import ArticulatedModel
 
 GAIN = 0.005
 """What another answer must gain of the scores that answers are ranked by."""
+UNEXPLAINED = 0.1
+"""Share of what is near to an answer to a scene that it leaves unexplained, from which on limbs of it may be elsewhere
+though none lacks points."""
+CLEARLY = 0.02
+"""What an answer to a scene that holds whole limbs elsewhere must gain of them, ..."""
+VOTED, ROUNDS = 24, 4
+"""... how many ways to hold limbs are tried, and as many that differ most, and rounds of repair of these."""
 AT_LIMIT = 1e-6
 """A joint this near to its limit (rad) is held there."""
 GAP = float(np.radians(90.0))
@@ -49,7 +57,7 @@ def contested(
     if comparison.known.held:
         return None
     if comparison.observation.scene:
-        won = _repaired_in_scene(solver, final, options)
+        won = _repaired_in_scene(solver, final, finished, options)
         return None if won is None else Candidates.concatenate([won, finished])
     better = _mended_by_turns(solver.model, comparison, final, options)
     final = final if better is None else better  # which may be held at a limit too
@@ -78,24 +86,57 @@ def _mended_by_turns(
     return found
 
 
-def _repaired_in_scene(solver: JointLeastSquares, final: Candidates, options: EstimatorOptions) -> Candidates | None:
+def _repaired_in_scene(
+    solver: JointLeastSquares, final: Candidates, finished: Candidates, options: EstimatorOptions
+) -> Candidates | None:
     """Return the final configuration with limbs held otherwise, if that gains in what is near it in the scene.
 
     Before, repair is short, for there are other answers to be told from this one; and only when all else is refined to
     the end do the scores tell which small part is wrong.
     """
-    comparison, answer = solver.comparison, final
-    focused = comparison.about(answer, options.scene_search.focus)
+    comparison = solver.comparison
+    focused = comparison.about(final, options.scene_search.focus)
     if focused.searched.sum() < LEAST_POINTS or focused is comparison:
         return None
     scene, threads = comparison.observation, comparison.threads
     close = comparison.of(close_up(scene, focused.searched, options.observation, options.scene, threads))
+    other = _with_limbs_elsewhere(focused, close, final, finished, options)
+    answer = start = final if other is None else other
     for _ in range(TURNS):
-        better = _better_held(solver.model, focused, close, answer, final, options)
+        better = _better_held(solver.model, focused, close, answer, start, options)
         if better is None:
             break
         answer = better
     return None if answer is final else priced(comparison, ranked(comparison, answer))
+
+
+def _with_limbs_elsewhere(
+    focused: ScanComparison, close: ScanComparison, final: Candidates, finished: Candidates, options: EstimatorOptions
+) -> Candidates | None:
+    """Return an answer (one) to a scene, `focused` on what is near the `final` one, that is clearly better than that
+    and all that the search `finished` with; None if none is found, or no whole limb is lacking.
+
+    Every limb is doubted in turn, `close` up, and what comes of that is repaired with wide beams beside all the others:
+    limbs of two of them may each be right, held by a small part that is so in neither.
+    """
+    complete = focused.weights[focused.lacks(final)].sum() <= LACKING
+    if complete and focused.unexplained(final) <= UNEXPLAINED:
+        return None
+    known = Candidates.concatenate([final, finished])
+    # What refinement alone would gain is no merit of a repair.
+    settled = ranked(focused, refined_both_ways(focused, known))
+    search = TreeSearch(close)
+    votes = limbs_voted(search, settled.take([0]), options.repair.votes, options.seed)
+    if votes is not None:
+        promising = search.sifted(votes, VOTED, VOTED)
+        known = Candidates.concatenate([known, settled.take([0]), close.refined(promising, iterations=10)])
+    rounds = min(ROUNDS, options.repair.rounds, EFFORTS[options.effort].repairs)
+    repairing = replace(options.repair, rounds=rounds)
+    repaired = repair(TreeSearch(focused).widened(), focused.scored(known)[0], repairing, turn=False)
+    several = Candidates.concatenate([settled, refined_both_ways(focused, repaired)])
+    scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+    best = int(np.argmax(scores))
+    return several.take([best]) if scores[best] >= scores[: len(settled)].max() + CLEARLY else None
 
 
 def _better_held(

@@ -72,7 +72,8 @@ class SceneAnswerSearch(AnswerSearch):
                 best = self._distinct(answers)
                 again.append(best.take([0]))
                 sure = self._sureness(best)
-            if sure >= options.confident:
+            # Of a model of very many parts, no further search tries more.
+            if sure >= options.confident or regions.times_further == 1.0:
                 break
         return Found(best, self.comparison)
 

@@ -52,3 +52,11 @@ def path_between(parent: Ints, part: int, goal: int) -> list[int]:
     while way[-1] not in above:
         way.append(int(parent[way[-1]]))
     return way + above[: above.index(way[-1])][::-1]
+
+
+def subtrees(parent: Ints) -> Bools:
+    """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
+    below = np.eye(len(parent), dtype=bool)
+    for i in range(len(parent) - 1, 0, -1):
+        below[parent[i]] |= below[i]
+    return below

@@ -14,6 +14,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.off_points import off_points
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
+from pwralign_kin.estimation.search.region_of_interest import subtrees
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.search.voting import VoteOptions, voted
 from pwralign_kin.model.surface import Surface
@@ -173,15 +174,6 @@ def repair_moves(
     return Candidates.concatenate(moves) if moves else None
 
 
-def _subtrees(comparison: ScanComparison) -> Bools:
-    """Return the (parts, parts) matrix whose row i marks part i and everything below it."""
-    count = len(comparison.exists)
-    below = np.eye(count, dtype=bool)
-    for i in range(count - 1, 0, -1):
-        below[comparison.parent[i]] |= below[i]
-    return below
-
-
 @dataclass(frozen=True)
 class _Faults:
     """What speaks against a solution."""
@@ -200,7 +192,7 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
     count, exists, parent = len(comparison.exists), comparison.exists, comparison.parent
     support, bad, missing = faults.support, faults.bad, faults.missing
     usual = float(np.median(support[exists]))
-    below = _subtrees(comparison)
+    below = subtrees(parent)
     near = bad | comparison.lacks(solution) if missing else bad.copy()
     if missing and count <= ALL_NEAR:
         near[:] = True
@@ -246,7 +238,7 @@ def _swept(comparison: ScanComparison, solution: Candidates, held_limbs: int) ->
 
 def _among_largest(comparison: ScanComparison, count: int) -> Bools:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
-    surface = _subtrees(comparison) @ (comparison.weights * comparison.exists)
+    surface = subtrees(comparison.parent) @ (comparison.weights * comparison.exists)
     hanging = np.zeros(len(comparison.known.values))
     np.maximum.at(hanging, comparison.model.actuated[1:], surface[1:])
     chosen = np.zeros(len(hanging), bool)

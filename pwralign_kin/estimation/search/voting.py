@@ -17,9 +17,14 @@ from pwralign_kin.checked_options import CheckedOptions, Count, Natural, NotNega
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
-from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest
+from pwralign_kin.estimation.search.region_of_interest import Ball, path_between, region_of_interest, subtrees
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, transform
+
+LIMB = (0.08, 0.7)
+"""Least and largest share of the model's surface in a limb that is doubted as a whole, ..."""
+KEPT = 4
+"""... and how many ways to hold it are kept of the best, and of those that change most."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,26 @@ def voted(
         return None
     reached = search.reached(solution, holding, placed, seed, options.starts, options.kept, options.tolerance)
     return reached if len(reached) else None
+
+
+def limbs_voted(search: TreeSearch, solution: Candidates, options: VoteOptions, seed: int) -> Candidates | None:
+    """Return configurations that hold whole limbs otherwise than `solution` (one), None if none: each limb in turn is
+    taken to be wrong, whatever it explains.
+
+    One that lies on points of another thing, or of another limb, lacks nothing, and no vote is cast for it else.
+    """
+    limbs = _limbs(search.comparison)
+    ways = [voted(search, solution, options, seed, doubting=True, off=np.flatnonzero(limb)) for limb in limbs]
+    found = [search.sifted(way, KEPT, KEPT) for way in ways if way is not None]
+    return Candidates.concatenate(found) if found else None
+
+
+def _limbs(comparison: ScanComparison) -> list[Bools]:
+    """Return the parts (parts,) with surface on either side of each joint where they are a limb, each set once."""
+    below = subtrees(comparison.parent)[1:]
+    limbs = np.unique(np.concatenate([below, ~below]) & comparison.exists, axis=0)
+    shares = limbs @ comparison.weights
+    return list(limbs[(shares > LIMB[0]) & (shares < LIMB[1])])
 
 
 def _ends(comparison: ScanComparison, right: Bools, wrong: Bools) -> tuple[Ints, Ints]:

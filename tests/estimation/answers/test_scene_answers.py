@@ -41,6 +41,23 @@ def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     assert searches == [False, False, True]
 
 
+def test_no_further_search_is_made_that_tries_no_more(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searches = []
+    candidates = RegionSearch.candidates
+
+    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        searches.append(further)
+        return candidates(own, seed, outside, further=further)
+
+    monkeypatch.setattr(RegionSearch, "candidates", counted)
+    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: 0.0)
+    monkeypatch.setattr(TreeSearch, "share_tried", 1.0 / SceneSearchOptions().further)
+    pk.estimate(excavator, scene.scan)
+    assert searches == [False]
+
+
 def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
@@ -128,7 +145,7 @@ def last_word(model: pk.ArticulatedModel, comparison: ScanComparison, final: Can
     return contested(solver, final, comparison.scored(final)[0], options)
 
 
-def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(
+def test_the_last_word_on_a_scene_mends_limbs_and_whole_answers_that_lack_points(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
     ready = observed(excavator, scene.scan)
@@ -138,11 +155,19 @@ def test_the_last_word_on_a_scene_mends_limbs_and_moves_nothing_else(
     wrong.values[0, -1] = excavator.kernel_model.limits[0][-1]
     assert np.linalg.norm(comparison.probe_positions(wrong) - comparison.probe_positions(true), axis=-1).max() > 0.05
 
-    mended = last_word(excavator, comparison, wrong)
+    for start in (wrong, aside):
+        mended = last_word(excavator, comparison, start)
+        assert mended is not None
+        off = comparison.probe_positions(mended)[0] - comparison.probe_positions(true)[0]
+        assert np.linalg.norm(off, axis=-1).max() < 0.01
 
-    assert mended is not None
-    off = comparison.probe_positions(mended)[0] - comparison.probe_positions(true)[0]
-    assert np.linalg.norm(off, axis=-1).max() < 0.01
+
+def test_the_last_word_on_a_scene_goes_elsewhere_only_for_a_clear_gain(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready = observed(excavator, scene.scan)
+    comparison, aside = comparing(excavator, ready), true_and_moved(excavator, scene, ready).take([1])
+    monkeypatch.setattr("pwralign_kin.estimation.answers.contest.CLEARLY", 10.0)
     elsewhere = last_word(excavator, comparison, aside)
     if elsewhere is not None:
         moved = np.linalg.norm(comparison.probe_positions(elsewhere)[0] - comparison.probe_positions(aside)[0], axis=-1)

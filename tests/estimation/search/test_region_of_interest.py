@@ -9,7 +9,7 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
-from pwralign_kin.estimation.search.region_of_interest import path_between, region_of_interest
+from pwralign_kin.estimation.search.region_of_interest import path_between, region_of_interest, subtrees
 from pwralign_kin.se3 import Array
 
 
@@ -40,3 +40,10 @@ def test_no_configuration_takes_a_part_out_of_its_region(
             assert reached <= ball.radius + 1e-6
             fullness.append(reached / ball.radius)
     assert np.median(fullness) > 0.6
+
+
+def test_a_subtree_is_a_part_and_all_that_hangs_on_it(comparison: ScanComparison) -> None:
+    below, parent = subtrees(comparison.parent), comparison.parent
+    for part in range(len(parent)):
+        above = path_between(parent, part, 0)
+        np.testing.assert_array_equal(np.flatnonzero(below[:, part]), sorted(above))

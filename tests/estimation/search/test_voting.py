@@ -15,7 +15,7 @@ from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.repair import RepairOptions, repair_moves
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.search.voting import VoteOptions, voted
+from pwralign_kin.estimation.search.voting import LIMB, VoteOptions, _limbs, limbs_voted, voted
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS
@@ -151,3 +151,23 @@ def test_repair_and_mending_have_parts_off_their_points_voted_for(
     silent = RepairOptions(unexplained=0.1, votes=VoteOptions(parts=0))
     less = repair_moves(TreeSearch(comparison), other, silent, 0, foremost=True, turn=False)
     assert less is not None and apart(comparison, less, true).min() > 0.005
+
+
+def test_limbs_are_doubted_as_a_whole_whatever_their_parts_explain(
+    seen: tuple[ScanComparison, Candidates, Candidates],
+) -> None:
+    comparison, true, other = seen
+    search = TreeSearch(comparison)
+    lacking = voted(search, other, VoteOptions(), 0, doubting=True)
+    assert lacking is None or apart(comparison, lacking, true).min() > 0.005
+    moved = limbs_voted(search, other, VoteOptions(), 0)
+    assert moved is not None
+    assert apart(comparison, moved, true).min() < 0.005
+
+
+def test_limbs_are_what_hangs_on_either_side_of_a_joint(seen: tuple[ScanComparison, Candidates, Candidates]) -> None:
+    comparison = seen[0]
+    limbs = [tuple(np.flatnonzero(limb)) for limb in _limbs(comparison)]
+    sides = {(0,), (1, 2, 3), (0, 1), (2, 3), (0, 1, 2), (3,)}
+    share = {side: float(comparison.weights[list(side)].sum()) for side in sides}
+    assert set(limbs) == {side for side in sides if LIMB[0] < share[side] < LIMB[1]} and len(limbs) == len(set(limbs))
