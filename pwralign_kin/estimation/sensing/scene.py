@@ -78,8 +78,12 @@ class SceneOptions(CheckedOptions):
     patch_least: NotNegative = 0.05
     """... or than one that spreads this far."""
     range_bin: Cell = 0.25
-    spacings: tuple[Positive, ...] = (0.026, 0.04, 0.06, 0.09)
-    """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
+    spacing: Positive = 0.026
+    """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough; ..."""
+    spacing_more: Positive = 1.5
+    """... else so many times that up to which they do: the model may be a little farther, ..."""
+    spacing_most: Positive = 0.09
+    """... but no more than this."""
     enough: NotNegative = 1.5
     """How many times the visible area of the model is enough."""
     link: Positive = 0.03
@@ -191,6 +195,7 @@ def close_up(
     kept = _Kept(points, normals, np.ones(count, np.float32), np.ones(count, np.float32), np.zeros(count, np.int32))
     seen = _Seen(scene.raw, scene.sensor_origin, scene.depth_pixel)
     field = _field(kept, seen, preparing, options, threads)
+    field = field.with_unreturned(scene.field.unreturned)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(
@@ -389,11 +394,12 @@ def _near_enough(
 ) -> Bools:
     """Return which points lie close enough together to show the model."""
     usual = _binned_median(spacing, _range_bins(points, origin, options))
-    for limit in options.spacings:
-        near = (usual < limit) & (spacing < max(1.6 * limit, 0.03))
-        if area[near].sum() > options.enough * ONE_SIDE * model_area:
-            break
-    return np.asarray(near)
+    order = np.argsort(usual, kind="stable")
+    enough = np.searchsorted(np.cumsum(area[order], dtype=float), options.enough * ONE_SIDE * model_area)
+    holding = float(usual[order[min(int(enough), len(order) - 1)]])
+    sparse = min(options.spacing_more * holding, options.spacing_most)
+    limit = options.spacing if holding < options.spacing else sparse
+    return np.asarray((usual < limit) & (spacing < max(1.6 * limit, 0.03)))
 
 
 @dataclass(frozen=True)
