@@ -10,6 +10,9 @@ from pwralign_kin.estimation.sensing.by_range import usual_at_range
 from pwralign_kin.estimation.sensing.observation import ONE_SIDE
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 
+STRAYING, LEAST_STRAYING = 1.6, 0.03
+"""Distance to the sixth neighbour, as a multiple of what is searched by median and at least, of points that are."""
+
 
 def areas_of(spacing: Singles) -> Singles:
     """Return the surface that each point stands for, by its distance to its sixth neighbour."""
@@ -21,11 +24,12 @@ def near_enough(
 ) -> Bools:
     """Return which points lie close enough together to show the model."""
     usual = usual_at_range(spacing, points, origin, options)
-    for limit in options.spacings:
-        near = (usual < limit) & (spacing < max(1.6 * limit, 0.03))
-        if area[near].sum() > options.enough * ONE_SIDE * model_area:
-            break
-    return np.asarray(near)
+    order = np.argsort(usual, kind="stable")
+    enough = np.searchsorted(np.cumsum(area[order], dtype=float), options.enough * ONE_SIDE * model_area)
+    holding = float(usual[order[min(int(enough), len(order) - 1)]])
+    sparse = min(options.spacing_more * holding, options.spacing_most)
+    limit = options.spacing if holding < options.spacing else sparse
+    return np.asarray((usual < limit) & (spacing < max(STRAYING * limit, LEAST_STRAYING)))
 
 
 def regions_of(points: Singles, spacing: Singles, searched: Bools, model_area: float, options: SceneOptions) -> Indices:

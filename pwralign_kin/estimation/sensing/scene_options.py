@@ -41,8 +41,12 @@ class SceneOptions(CheckedOptions):
     patch_least: NotNegative = 0.05
     """... or than one that spreads this far."""
     range_bin: Cell = 0.25
-    spacings: tuple[Positive, ...] = (0.026, 0.04, 0.06, 0.09)
-    """Median distances to the sixth neighbour up to which a range is searched: the least that leaves enough."""
+    spacing: Positive = 0.026
+    """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough; ..."""
+    spacing_more: Positive = 1.5
+    """... else so many times that up to which they do: the model may be a little farther, ..."""
+    spacing_most: Positive = 0.09
+    """... but no more than this."""
     enough: NotNegative = 1.5
     """How many times the visible area of the model is enough."""
     link: Positive = 0.03

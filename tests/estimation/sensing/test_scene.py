@@ -158,6 +158,20 @@ def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     assert linked(SceneOptions()) > 1.3 * linked(SceneOptions(link_spacings=0.0))
 
 
+@pytest.mark.parametrize("share", [5, 6, 14])
+def test_a_model_farther_than_enough_other_surface_is_searched_where_points_are_few(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, share: int
+) -> None:
+    from scipy.spatial import cKDTree
+
+    few = np.random.default_rng(0).permutation(len(scene.scan.points))[: len(scene.scan.points) // share]
+    scan = pk.Scan(scene.scan.points[few], sensor_origin=np.zeros(3))
+    ready = observed(excavator, scan)
+
+    own = scan.points[scene.labels[few] >= 0]
+    assert (cKDTree(searched_points(ready)).query(own)[0] < 0.05 * ready.diagonal).mean() > 0.75
+
+
 def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_room_around_it(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
@@ -176,6 +190,15 @@ def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_ro
     raised.bases[0, :3, 3] += 0.5 * raised.bases[0, :3, 2]
     true, wrong = (closely.scored(own)[1][0] @ closely.weights for own in (candidates.take([0]), raised))
     assert true > -0.06 and wrong < 3 * true
+
+
+def test_a_close_look_trusts_holes_as_much_as_the_scene_does(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    comparison = comparing(excavator, observed(excavator, scene.scan)).tolerant()
+    room = comparison.observation
+    closely = close_up(room, comparison.searched, ObservationOptions(), SceneOptions(), 2)
+    assert closely.field.unreturned == room.field.unreturned < SceneOptions().unreturned
 
 
 def test_what_a_limb_passes_without_facing_alike_counts_against_it_in_a_close_look(
