@@ -40,6 +40,9 @@ SIZE_GAIN = (0.025, 0.1)
 MIRRORED = (0.12, 0.25)
 """Score by which an answer to the mirror image of the scan is better: chance makes less than the first, and from the
 second on the scan is of the other hand, and its answer wrong."""
+BORNE_OUT = 0.1
+"""Share of the surface that a scan usually shows, below which what is confirmed of it may as well be of something else,
+the less the likelier, however well it lies there: a face of one thing on a face of another."""
 FEW = 15.0
 """Points a part below which an answer's odds fall with their number."""
 BENT = 0.4
@@ -50,10 +53,12 @@ def confidence(evidence: Evidence) -> float:
     """Return the chance in [0, 1] that an answer with this evidence is right.
 
     It is the chance that the model is in the scan at all, times the chance that the answer is right if it is: two
-    logistic regressions. It fades to nothing where the points fill a volume, or make the mirror image of the model.
+    logistic regressions. It fades to nothing where the points fill a volume, bear out next to nothing of the model, or
+    make the mirror image of it.
     """
     chance = logistic(PRESENT, presence_features(evidence)) * logistic(RIGHT, features(evidence))
-    return on_surface(evidence) * _of_this_hand(evidence) * chance
+    borne_out = min(1.0, evidence.borne_out / BORNE_OUT)
+    return on_surface(evidence) * _of_this_hand(evidence) * borne_out * chance
 
 
 def _of_this_hand(evidence: Evidence) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -252,6 +253,15 @@ def test_in_a_scene_points_oriented_otherwise_do_not_speak_for_a_rival(
     assert distinct(normals, True) < -5.0
     assert distinct(across, False) < -5.0
     assert distinct(across, True) > 5.0
+
+
+def test_a_face_that_lies_on_something_else_bears_next_to_nothing_of_the_model_out() -> None:
+    root = Path(__file__).parents[3] / "robots"
+    excavator = pk.ArticulatedModel.from_urdf(root / "excavator" / "excavator.urdf")
+    found = pk.estimate(excavator, pk.Scan.load(root / "laptop" / "scans" / "full.ply"))
+    assert found.evidence.borne_out < 0.1
+    assert found.confidence < 0.5
+    assert confidence(dataclasses.replace(GOOD, borne_out=0.15)) > 0.9
 
 
 def test_few_points_a_part_are_little_to_go_by() -> None:
