@@ -72,8 +72,7 @@ class SceneAnswerSearch(AnswerSearch):
                 best = self._distinct(answers)
                 again.append(best.take([0]))
                 sure = self._sureness(best)
-            # Of a model of very many parts, no further search tries more.
-            if sure >= options.confident or regions.times_further == 1.0:
+            if sure >= options.confident:
                 break
         return Found(best, self.comparison)
 
