@@ -81,8 +81,7 @@ class SceneAnswerSearch(AnswerSearch):
                 best = own._distinct(answers)
                 again.append(best.take([0]))
                 sure = own._sureness(best)
-            # Of a model of very many parts, no further search tries more.
-            if sure >= options.confident or regions.times_further == 1.0:
+            if sure >= options.confident:
                 break
         return Found(best, own.comparison)
 

@@ -116,11 +116,6 @@ class RegionSearch:
         self.grown: dict[int, tuple[Hypotheses, Candidates]] = {}
         """By source of hypotheses: the roots, and what grew from them."""
 
-    @property
-    def times_further(self) -> float:
-        """How many times as much is tried in a further search, at least as much."""
-        return max(1.0, self.options.further * self.search.share_tried)
-
     def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         """Return refined configurations from all regions and from `outside` hypotheses, without scores; None without
         any hypothesis.
@@ -128,7 +123,7 @@ class RegionSearch:
         In a `further` search more is tried.
         """
         search = self.search
-        options = self.options.scaled(self.times_further) if further else self.options
+        options = self.options.scaled(max(1.0, self.options.further * search.share_tried)) if further else self.options
         sources = _sources(search, options, seed, outside, pairs=self.pairs, faces=self.faces)
         found = [
             self._searched(options, source, hypotheses, share)

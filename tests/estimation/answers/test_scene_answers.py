@@ -55,23 +55,6 @@ def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     assert trusts == pytest.approx([strict, strict, tolerant])
 
 
-def test_no_further_search_is_made_that_tries_no_more(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    searches = []
-    candidates = RegionSearch.candidates
-
-    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
-        searches.append(further)
-        return candidates(own, seed, outside, further=further)
-
-    monkeypatch.setattr(RegionSearch, "candidates", counted)
-    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: 0.0)
-    monkeypatch.setattr(TreeSearch, "share_tried", 1.0 / SceneSearchOptions().further)
-    pk.estimate(excavator, scene.scan)
-    assert searches == [False]
-
-
 def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
