@@ -178,7 +178,7 @@ class ScanField:
 
     The meaning of the arrays stands at `estimation.sensing.observation.Observation`. `nearest` returns the scan point
     (n,) nearest to the cell of each position, -1 where that is not within `reach`,
-    `with_unreturned` the same field with another trust in silent pixels than `unreturned`.
+    `with_unreturned` the same field with another trust in silent pixels.
     """
 
     def __init__(
@@ -199,8 +199,6 @@ class ScanField:
         unreturned: float,
         threads: int,
     ) -> None: ...
-    @property
-    def unreturned(self) -> float: ...
     def with_unreturned(self, unreturned: float) -> ScanField: ...
     def nearest(self, points: NDArray[np.float32], reach: float = ...) -> NDArray[np.int32]: ...
 

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.search.repair import repair
-from pwralign_kin.estimation.search.scene_search import RegionSearch, are_unlike, is_convincing, unlike
+from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
 from pwralign_kin.estimation.sensing.scene import close_up
@@ -41,49 +41,40 @@ class SceneAnswerSearch(AnswerSearch):
     """The search for the answers to one scene, which the model is somewhere in."""
 
     def without_guess(self) -> Found:
-        """Search a scene, region by region, and repair what is found, until an answer is sound.
-
-        Where the first search finds none, the others take it that the view has holes: all answers are compared so, from
-        then on.
-        """
+        """Search a scene, region by region, and repair what is found, until an answer is sound."""
         options = self.options.scene_search
         regions = RegionSearch(
             self.search, options, self.near, pairs="pairs" in self.options.sources,
             faces=self.options.faces if "faces" in self.options.sources else None,
         )  # fmt: skip
-        own = self
         several: list[Candidates] = []
         answers: list[Candidates] = []
         looked: list[Candidates] = []
         again: list[Candidates] = []
         for attempt in range(self.effort.searches):
-            seed, further = self.options.seed + attempt, attempt > 0
-            if attempt == 1:
-                own = self._tolerant()
-                several, answers, looked = ([own._scored(c) for c in known] for known in (several, answers, looked))
+            seed = self.options.seed + attempt
             with self.watch.stage("regions"):
-                found = regions.candidates(seed, self._outside(seed), further=further)
+                found = regions.candidates(seed, self._outside(seed), further=attempt > 0)
             if found is None:
                 raise self._nothing_placed
-            several.append(own._scored(found))
-            every = Candidates.concatenate(several)
-            left = unlike(own.comparison, every, answers, options.apart, options.better).best_first()
+            several.append(found)
+            left = unlike(self.comparison, Candidates.concatenate(several), answers, options.apart).best_first()
             if len(left):
                 with self.watch.stage("repair"):
-                    answers.append(own._repaired_one_by_one(seed, left, looked))
-            best = own._distinct(answers)
-            sure = own._sureness(best)
+                    answers.append(self._repaired_one_by_one(seed, left, looked))
+            best = self._distinct(answers)
+            sure = self._sureness(best)
             if sure >= options.sure:
                 break
-            if len(unlike(own.comparison, best.take([0]), again, own.comparison.options.distinct)):
+            if len(unlike(self.comparison, best.take([0]), again, self.comparison.options.distinct)):
                 with self.watch.stage("repair"):
-                    answers.append(own._looked_at_again(seed, best.take([0])))
-                best = own._distinct(answers)
+                    answers.append(self._looked_at_again(seed, best.take([0])))
+                best = self._distinct(answers)
                 again.append(best.take([0]))
-                sure = own._sureness(best)
+                sure = self._sureness(best)
             if sure >= options.confident:
                 break
-        return Found(best, own.comparison)
+        return Found(best, self.comparison)
 
     def from_guess(self, base: Array, values: Array) -> Found:
         """Return the answers near a guess, best first, of which none is plainly right in a scene."""
@@ -93,11 +84,9 @@ class SceneAnswerSearch(AnswerSearch):
         with self.watch.stage("repair"):
             solutions = repair(self.search, refined, self.repairing, turn=False)
         # Things may touch the model.
-        if self.comparison.unexplained(solutions.take([0])) <= self.options.scene_search.unexplained:
-            return Found(solutions, self.comparison)
-        anywhere = self.without_guess()
-        rescored = anywhere.comparison.scored(solutions)[0]
-        return Found(self._distinct([rescored, anywhere.solutions]), anywhere.comparison)
+        if self.comparison.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
+            solutions = self._distinct([solutions, self.without_guess().solutions])
+        return Found(solutions, self.comparison)
 
     def _looked_at_again(self, seed: int, answer: Candidates) -> Candidates:
         """Return what a close look at one answer to a scene finds, itself if nothing.
@@ -107,22 +96,13 @@ class SceneAnswerSearch(AnswerSearch):
         look = self._look(seed + self.effort.searches, answer)
         return answer if look is None else self._repaired_in_scene(look)
 
-    def _tolerant(self) -> SceneAnswerSearch:
-        """Return the same search for a view that may have holes."""
-        search = TreeSearch(self.comparison.tolerant())
-        return SceneAnswerSearch(self.model, search, self.options, self.correspondences, self.watch)
-
-    def _scored(self, candidates: Candidates) -> Candidates:
-        """Return the candidates with `priced` scores."""
-        return priced(self.comparison, self.comparison.scored(candidates)[0])
-
     def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
-        """Look closely at the leading candidates of a scene, whose scores are `priced`, and repair what the best looks
-        found, one by one, until one answer is convincing, or better than repair makes what the others found."""
+        """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
+        one answer is convincing, or better than repair makes what the others found."""
         comparison, options = self.comparison, self.options.scene_search
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
-            return self._distinct([candidates])
+            return self._distinct([priced(comparison, candidates)])
         several: list[Candidates] = []
         for look in looks[: max(1, round(options.finalists * self.search.share_tried))]:
             best = max((float(own.scores[0]) for own in several), default=-np.inf)
@@ -140,30 +120,27 @@ class SceneAnswerSearch(AnswerSearch):
         repaired = look.closely.repaired(look.found)
         solutions = repair(TreeSearch(look.focused), look.focused.scored(repaired)[0], short, turn=False)
         # No repair knows what surface goes on beyond an answer: the best in the scene may have been dropped.
-        return self._distinct([look.best, self._scored(solutions)])
+        return self._distinct([look.best, priced(self.comparison, self.comparison.scored(solutions)[0])])
 
     def _looks(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Iterator[_Look]:
         """Yield close looks at the candidates of a scene that score best, in turn with those that explain most, until
-        one is convincing. What was `looked` at before is not looked at again, unless it has become better; it grows.
+        one is convincing. What was `looked` at before is not looked at again; it grows.
 
         A true answer of which a part is still wrong loses to false ones that hide where nothing contradicts them, but
         it explains more.
         """
         comparison, options = self.comparison, self.options.scene_search
-        fresh = unlike(comparison, candidates, looked, options.apart, options.better)
-        rankings = fresh.scores, comparison.coverage(fresh)
-        now: list[Candidates] = []
+        scored = priced(comparison, candidates)
+        rankings = scored, Candidates(scored.bases, scored.values, comparison.coverage(scored))
         for rank in range(max(1, round(options.leaders * self.search.share_tried))):
-            left = np.flatnonzero(are_unlike(comparison, fresh, now, options.apart))
+            left = unlike(comparison, rankings[rank % 2], looked, options.apart)
             if len(left) == 0:
                 return
-            leader = fresh.take([left[np.argmax(rankings[rank % 2][left])]])
-            now.append(leader)
+            leader = left.best_first().take([0])
             looked.append(leader)
             look = self._look(seed, leader)
             if look is None:
                 continue
-            now.append(look.best)
             looked.append(look.best)
             yield look
             if is_convincing(comparison, look.best, options):

@@ -125,7 +125,7 @@ class ScanComparison:
         Masks cut pieces of a model away. Through them a view seems to look past it, so that the truth has much
         against it, and false answers that hide what is missing have little.
         """
-        if not self.observation.single_view:
+        if not self.observation.single_view or self.observation.scene:
             return self
         field = self.observation.field.with_unreturned(self.options.tolerant_unreturned)
         return self.of(replace(self.observation, field=field))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pwralign_kin.arrays import Bools, Singles
+from pwralign_kin.arrays import Singles
 from pwralign_kin.checked_options import (
     LARGEST_COUNT,
     CheckedOptions,
@@ -74,8 +74,6 @@ class SceneSearchOptions(CheckedOptions):
     """Configurations that are looked at closely, until one is convincing, ..."""
     apart: NotNegative = 0.1
     """... their surfaces farther than this from each other, ..."""
-    better: NotNegative = 0.02
-    """... and from what earlier searches looked at, unless they score so much more than that did, ..."""
     focus: NotNegative = 0.35
     """... with the points this near (model diagonals) to each of them."""
     finalists: Count = 2
@@ -117,8 +115,7 @@ class RegionSearch:
         """By source of hypotheses: the roots, and what grew from them."""
 
     def candidates(self, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
-        """Return refined configurations from all regions and from `outside` hypotheses, without scores; None without
-        any hypothesis.
+        """Return refined configurations from all regions and from `outside` hypotheses; None without any hypothesis.
 
         In a `further` search more is tried.
         """
@@ -135,7 +132,7 @@ class RegionSearch:
         if self.near is not None:
             passing = [f.take(search.comparison.passes(f, self.near)) for f in found]
             found = [f for f in passing if len(f)] or found
-        return search.comparison.refined(_chosen(search, options, found))
+        return search.comparison.scored(search.comparison.refined(_chosen(search, options, found)))[0]
 
     def _searched(self, options: SceneSearchOptions, source: int, roots: Hypotheses, share: float) -> Candidates:
         """Return configurations grown from placed parts and refined a little, best first."""
@@ -204,31 +201,10 @@ def is_convincing(comparison: ScanComparison, candidate: Candidates, options: Sc
     return continued(comparison, candidate) <= options.continued
 
 
-def unlike(
-    comparison: ScanComparison,
-    candidates: Candidates,
-    others: list[Candidates],
-    distance: float,
-    better: float = np.inf,
-) -> Candidates:
-    """Return those candidates that are farther than `distance` from all `others`, on average over the surface, or
-    whose scores are `better` by more than this than those of the others that are nearer."""
-    return candidates.take(are_unlike(comparison, candidates, others, distance, better))
-
-
-def are_unlike(
-    comparison: ScanComparison,
-    candidates: Candidates,
-    others: list[Candidates],
-    distance: float,
-    better: float = np.inf,
-) -> Bools:
-    """Return which (m,) candidates are `unlike` the others."""
+def unlike(comparison: ScanComparison, candidates: Candidates, others: list[Candidates], distance: float) -> Candidates:
+    """Return those candidates that are farther than `distance` from all `others`, on average over the surface."""
+    positions = comparison.probe_positions(candidates)
     new = np.ones(len(candidates), bool)
-    if not others:
-        return new
-    known, positions = Candidates.concatenate(others), comparison.probe_positions(candidates)
-    for other, score in zip(comparison.probe_positions(known), known.scores, strict=True):
-        apart = np.linalg.norm(positions - other, axis=-1).mean(axis=-1) > distance
-        new &= apart | (candidates.scores > score + better)
-    return new
+    for other in comparison.probe_positions(Candidates.concatenate(others)) if others else ():
+        new &= np.linalg.norm(positions - other, axis=-1).mean(axis=-1) > distance
+    return candidates.take(new)

@@ -132,7 +132,6 @@ def close_up(
     kept = PreparedPoints.all_alike(points, normals)
     seen = SeenSpace(scene.raw, scene.sensor_origin, scene.depth_pixel)
     field = _field(kept, seen, preparing, options, threads)
-    field = field.with_unreturned(scene.field.unreturned)
     nearest = scene.field.nearest(scene.given)
     mine = (nearest >= 0) & chosen[nearest]
     return replace(

@@ -71,7 +71,6 @@ void bind_field(nb::module_ &m) {
     },
              "points"_a, "normals"_a, "weights"_a, "areas"_a, "regions"_a, "cell"_a, "truncation"_a, "sensor_origin"_a,
              "depth_points"_a, "borders"_a, "pixel"_a, "tolerance"_a, "shadow"_a, "unreturned"_a, "threads"_a);
-    type.def_ro("unreturned", &ScanField::unreturned);
     type.def("with_unreturned", [](const ScanField &self, float unreturned) {
         ScanField other = self;
         other.unreturned = unreturned;

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from searched_scenes import comparing, observed, true_and_moved
@@ -14,13 +12,11 @@ from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import better_ranked
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
-from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.search.face_hypotheses import FaceOptions
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.scene_search import RegionSearch, SceneSearchOptions, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
-from pwralign_kin.estimation.sensing.scene import SceneOptions
 from pwralign_kin.estimation.stopwatch import Stopwatch
 from pwralign_kin.simulation import SimulatedScan
 
@@ -30,29 +26,19 @@ pytest.importorskip("open3d", reason="ray casting needs Open3D and its system li
 def test_a_scene_is_searched_on_while_its_answer_has_no_confidence(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    searches, trusts = [], []
-    candidates, looks = RegionSearch.candidates, SceneAnswerSearch._looks
+    searches = []
+    candidates = RegionSearch.candidates
 
-    def searched(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
         searches.append(further)
         return candidates(own, seed, outside, further=further)
 
-    def looked(
-        own: SceneAnswerSearch, seed: int, candidates: Candidates, looked: list[Candidates]
-    ) -> Iterator[object]:
-        trusts.append(own.comparison.observation.field.unreturned)
-        return looks(own, seed, candidates, looked)
-
-    monkeypatch.setattr(RegionSearch, "candidates", searched)
-    monkeypatch.setattr(SceneAnswerSearch, "_looks", looked)
+    monkeypatch.setattr(RegionSearch, "candidates", counted)
     pk.estimate(excavator, scene.scan)
     assert searches == [False]
     monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: 0.0)
     pk.estimate(excavator, scene.scan)
     assert searches == [False, False, True]
-    # Holes in the view are taken for holes once nothing else convinces.
-    strict, tolerant = SceneOptions().unreturned, SearchOptions().tolerant_unreturned
-    assert trusts == pytest.approx([strict, strict, tolerant])
 
 
 def test_limbs_are_found_that_the_search_of_the_whole_scene_leaves_wrong(
@@ -122,22 +108,9 @@ def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedM
     looked: list[Candidates] = []
     for seed in (0, 1):
         before = list(looked)
-        assert list(answers._looks(seed, answers._scored(candidates), looked))
+        assert list(answers._looks(seed, candidates, looked))
         leader = looked[len(before)]
         assert len(unlike(comparison, leader, before, options.scene_search.apart)) == 1
-
-
-def test_another_search_looks_again_at_what_has_become_better(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    ready = observed(excavator, scene.scan)
-    comparison = comparing(excavator, ready)
-    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
-    found = comparison.scored(true_and_moved(excavator, scene, ready).take([0]))[0]
-    worse = Candidates(found.bases, found.values, found.scores - 0.1)
-
-    assert not list(answers._looks(0, found, [found]))
-    assert len(list(answers._looks(0, found, [worse]))) == 1
 
 
 def test_refinement_of_answers_is_kept_where_they_rank_higher_by_it(

@@ -192,15 +192,6 @@ def test_a_close_look_takes_what_is_near_for_a_scan_of_the_model_and_sees_the_ro
     assert true > -0.06 and wrong < 3 * true
 
 
-def test_a_close_look_trusts_holes_as_much_as_the_scene_does(
-    excavator: pk.ArticulatedModel, scene: SimulatedScan
-) -> None:
-    comparison = comparing(excavator, observed(excavator, scene.scan)).tolerant()
-    room = comparison.observation
-    closely = close_up(room, comparison.searched, ObservationOptions(), SceneOptions(), 2)
-    assert closely.field.unreturned == room.field.unreturned < SceneOptions().unreturned
-
-
 def test_what_a_limb_passes_without_facing_alike_counts_against_it_in_a_close_look(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
