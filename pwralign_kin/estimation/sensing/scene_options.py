@@ -42,9 +42,9 @@ class SceneOptions(CheckedOptions):
     """... or than one that spreads this far."""
     range_bin: Cell = 0.25
     spacing: Positive = 0.026
-    """Median distance to the sixth neighbour up to which a range is searched at least; ..."""
+    """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough; ..."""
     spacing_more: Positive = 1.5
-    """... and so many times that up to which ranges hold enough, for the model may be a little farther, ..."""
+    """... else so many times that up to which they do: the model may be a little farther, ..."""
     spacing_most: Positive = 0.09
     """... but no more than this."""
     enough: NotNegative = 1.5
