@@ -163,7 +163,7 @@ def _apart_from_surroundings(estimator: Estimator, searched: SearchedScan, estim
     final = Candidates.single(observation.to_search(model.root_placement(estimate.state)), values)
     patches = comparison.lying(final)[0] > comparison.reach
     patches[patches] = wide_patches(observation.points[patches], observation.sensor_origin, estimator.scenes)
-    if not patches.any():
+    if not patches.any() or patches.all():
         return estimate
     apart = gathered(comparison, final, searched.finished, patches)
     evidence = replace(evidence, nearby=apart.nearby, explained=apart.explained, strange=apart.strange)

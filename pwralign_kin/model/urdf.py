@@ -74,6 +74,8 @@ class _Reader:
         if not name:
             name = path.name.split(".")[0] or "robot"
             self.warnings.append(f"the robot has no name: taken as {name!r}")
+        if any("xacro" in str(element.tag) for element in robot.iter()):
+            raise ModelError(path, "holds xacro elements under another prefix than xacro: it cannot be expanded")
         self._choose_geometry(robot)
         for material in robot.iterfind(".//material"):
             color = self._color(material)

@@ -69,7 +69,7 @@ class BelievedMotion:
         """Return what is expected at a later time."""
         ahead = time - self.time
         blind = self.time - self.seen
-        # A speed fades while it is unseen; after a pause in the stream it says nothing.
+        # A speed fades while it is unseen, and tells nothing of all of a long pause.
         going = np.exp(-blind / MEMORY) * min(ahead, LONGEST)
         step = from_twist(going[:6] * self.twist)
         T_scan_base = self.T_scan_base.copy()

@@ -413,6 +413,11 @@ def test_xacro(write_urdf: WriteUrdf, name: str) -> None:
     assert "xacro fails" in faults(path)[0]
 
 
+def test_xacro_under_another_prefix(write_urdf: WriteUrdf) -> None:
+    path = write_urdf('<x:macro name="m"/>' + chain(LIMIT), "bot.urdf", XACRO.replace("xmlns:xacro", "xmlns:x"))
+    assert "another prefix" in faults(path)[0]
+
+
 def test_xacro_without_the_extra(write_urdf: WriteUrdf, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(DependencyError, match=r"pwralign-kin\[xacro\]"):

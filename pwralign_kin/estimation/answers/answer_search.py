@@ -258,7 +258,8 @@ class AnswerSearch:
         """Return the pair hypotheses of the leading parts where these may tell all: of a scan from all sides, whose
         noise hides no limb, if nothing else is known. None elsewhere."""
         sources, observation = self.options.sources, self.search.observation
-        informed = self.correspondences is not None or "fpfh" in sources or self.comparison.known.near
+        told = self.near is not None or self.comparison.known.near
+        informed = told or self.correspondences is not None or "fpfh" in sources
         if informed or "pairs" not in sources or observation.single_view or observation.noise > QUIET:
             return None
         with self.watch.stage("hypotheses"):

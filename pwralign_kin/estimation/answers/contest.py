@@ -42,14 +42,14 @@ GAP = float(np.radians(90.0))
 """Angle from limit to limit, the short way, up to which a joint held at one may be meant to be at the other."""
 TURNS, HELD = 3, 0.01
 """How often in a row a mended answer, or one to a scene, is repaired at the end, as long as that gains, and how far
-(model diagonals) most of a scene's answer may move meanwhile: it is limbs that are repaired, and another answer has
-lost already."""
+(model diagonals) most of a scene's answer may move meanwhile: it is limbs that are repaired."""
 
 
 def contested(
     solver: JointLeastSquares, final: Candidates, finished: Candidates, options: EstimatorOptions
 ) -> Candidates | None:
-    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or across a limit.
+    """Return the answers that the search `finished` with behind a better one: `final` (one) mended, or across a limit,
+    or in a scene with limbs held elsewhere, as others that it found may have them.
 
     None where there is none.
     """
@@ -89,32 +89,43 @@ def _mended_by_turns(
 def _repaired_in_scene(
     solver: JointLeastSquares, final: Candidates, finished: Candidates, options: EstimatorOptions
 ) -> Candidates | None:
-    """Return the final configuration with limbs held otherwise, if that gains in what is near it in the scene.
+    """Return the final configuration, or another that was found, with limbs held otherwise, if that gains in what is
+    near it in the scene.
 
     Before, repair is short, for there are other answers to be told from this one; and only when all else is refined to
     the end do the scores tell which small part is wrong.
     """
     comparison = solver.comparison
-    focused = comparison.about(final, options.scene_search.focus)
-    if focused.searched.sum() < LEAST_POINTS or focused is comparison:
-        return None
-    scene, threads = comparison.observation, comparison.threads
-    close = comparison.of(close_up(scene, focused.searched, options.observation, options.scene, threads))
-    other = _with_limbs_elsewhere(focused, close, final, finished, options)
+    near = _near(comparison, final, options)
+    other = None if near is None else _with_limbs_elsewhere(*near, final, finished, options)
+    if other is not None:
+        near = _near(comparison, other, options)
     answer = start = final if other is None else other
     for _ in range(TURNS):
-        better = _better_held(solver.model, focused, close, answer, start, options)
+        better = None if near is None else _better_held(solver.model, *near, answer, start, options)
         if better is None:
             break
         answer = better
     return None if answer is final else priced(comparison, ranked(comparison, answer))
 
 
+def _near(
+    comparison: ScanComparison, answer: Candidates, options: EstimatorOptions
+) -> tuple[ScanComparison, ScanComparison] | None:
+    """Return the comparison with what is near to an answer (one) in a scene, and with that as a scan of the model
+    alone; None if hardly anything is, or all."""
+    focused = comparison.about(answer, options.scene_search.focus)
+    if focused.searched.sum() < LEAST_POINTS or focused is comparison:
+        return None
+    scene, threads = comparison.observation, comparison.threads
+    return focused, comparison.of(close_up(scene, focused.searched, options.observation, options.scene, threads))
+
+
 def _with_limbs_elsewhere(
     focused: ScanComparison, close: ScanComparison, final: Candidates, finished: Candidates, options: EstimatorOptions
 ) -> Candidates | None:
     """Return an answer (one) to a scene, `focused` on what is near the `final` one, that is clearly better than that
-    and all that the search `finished` with; None if none is found, or no whole limb is lacking.
+    and all that the search `finished` with; None if none is found, or no limb is in doubt.
 
     Every limb is doubted in turn, `close` up, and what comes of that is repaired with wide beams beside all the others:
     limbs of two of them may each be right, held by a small part that is so in neither.

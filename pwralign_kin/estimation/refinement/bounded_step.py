@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import threading
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from pwralign_kin.se3 import Array
+
+KEPT = 64
+"""Programs that a thread keeps: one for each number of unknowns."""
 
 
 def bounded_step(H: Array, g: Array, low: Array, high: Array, damping: float) -> Array:
@@ -56,12 +60,7 @@ class _Programs(threading.local):
     """The programs of one thread, by their size: no two threads share their memory."""
 
     def __init__(self) -> None:
-        self.of_size: dict[int, _QuadraticProgram] = {}
-
-    def sized(self, size: int) -> _QuadraticProgram:
-        if size not in self.of_size:
-            self.of_size[size] = _QuadraticProgram(size)
-        return self.of_size[size]
+        self.sized = lru_cache(maxsize=KEPT)(_QuadraticProgram)
 
 
 _PROGRAMS = _Programs()

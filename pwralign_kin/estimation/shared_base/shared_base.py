@@ -12,9 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.continuation import priced
+from pwralign_kin.estimation.comparison.ranking import ranks
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.options import EstimatorOptions
+from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.shared_base.consensus import consensus, known_base
 from pwralign_kin.estimation.shared_base.covariance import with_base_covariance
 from pwralign_kin.estimation.shared_base.joint_offsets import joint_offsets
@@ -24,7 +27,6 @@ from pwralign_kin.estimation.stages import SearchedScan
 from pwralign_kin.exceptions import ArgumentError
 from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan, warn_of_rounding
-from pwralign_kin.se3 import Array
 from pwralign_kin.state import State
 
 
@@ -59,7 +61,7 @@ def estimate_shared_base(
     ]
     estimates = []
     for own, searched, solution in zip(options, together, solved.solutions, strict=True):
-        held = replace(searched, finished=_with_base_held(searched, solution.base))
+        held = replace(searched, finished=_with_base_held(searched, solution))
         estimate = Estimator(model, own).concluded(held, solution)
         warn_of_size(searched.scan, estimate)
         estimates.append(with_base_covariance(estimate, searched, solution, solved.base_covariance))
@@ -76,15 +78,19 @@ def estimate_shared_base(
     )
 
 
-def _with_base_held(searched: SearchedScan, base: Array) -> Candidates:
-    """Return what the search of a scan ended with, refined with the base held where all scans have it.
+def _with_base_held(searched: SearchedScan, solution: Solution) -> Candidates:
+    """Return the solution, and behind it what the search of a scan ended with, refined with the base held where all
+    scans have it.
 
     An answer with another base, which fits one scan better for its sensor's errors, is no rival of the common one.
     """
     comparison, found = searched.solver.comparison, searched.finished
-    held = comparison.refined(Candidates(np.repeat(base[None], len(found), axis=0), found.values, found.scores))
-    held.bases[:] = base
-    return comparison.scored(held)[0].best_first()
+    bases = np.repeat(solution.base[None], len(found), axis=0)
+    held = comparison.refined(Candidates(bases, found.values, found.scores))
+    held.bases[:] = solution.base
+    several = Candidates.concatenate([solution.configuration, held])
+    scored = priced(comparison, Candidates(several.bases, several.values, ranks(comparison, several)))
+    return Candidates.concatenate([scored.take([0]), scored.take(slice(1, None)).best_first()])
 
 
 def _numbered(progress: Callable[[str], None] | None, scan: int) -> Callable[[str], None] | None:

@@ -2,6 +2,7 @@
 #pragma once
 #include "../search.hpp"
 #include "arrays.hpp"
+#include <algorithm>
 
 namespace pwr {
 

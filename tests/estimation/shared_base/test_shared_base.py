@@ -50,6 +50,13 @@ def test_all_scans_have_one_base_and_their_own_joints(
             assert estimate.state.joints[name] == pytest.approx(view.state.joints[name], abs=np.radians(2.0))
 
 
+def test_answers_are_ahead_of_others_as_they_are_alone(arm: pk.ArticulatedModel, single_scan: SimulatedScan) -> None:
+    alone = pk.estimate(arm, single_scan.scan)
+    (shared,) = pk.estimate(arm, [single_scan.scan]).estimates
+    assert shared.evidence.ahead == pytest.approx(alone.evidence.ahead, rel=0.3)
+    assert shared.cost == pytest.approx(alone.cost, rel=0.1)
+
+
 def test_covariances_are_those_of_the_shared_base(shared: pk.SharedBaseEstimate) -> None:
     assert shared.base_covariance.shape == (6, 6)
     assert (np.linalg.eigvalsh(shared.base_covariance) > 0).all()
