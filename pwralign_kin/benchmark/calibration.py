@@ -117,7 +117,8 @@ def fitted(outcomes: Sequence[Outcome], present: Array) -> Array:
     """Return intercept and coefficients (7,) of what tells right answers from wrong ones, the model being there.
 
     It is the product with the chance of being there, by the coefficients `present`, that is to be right as often as it
-    says: expectation maximisation tells how far answers are wrong for what the one does not know or the other.
+    says: expectation maximisation tells how far answers are wrong for what the one does not know or the other. What
+    fades a confidence besides is left out.
     """
     evidence = [_evidence(own) for own in outcomes]
     values = [confidence.features(own) for own in evidence]

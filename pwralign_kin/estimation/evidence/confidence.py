@@ -12,7 +12,7 @@ PRESENT = (3.07, 3.71, 1.37, 0.15, -1.83, -2.05, -4.57, 0.23)
 RIGHT = (0.25, -0.54, -0.38, -2.0, 0.98, 0.74, 0.4)
 """... and of 1 and of what tells whether an answer is right if it is (`features`).
 
-The first is the fit of `python scripts/benchmark.py --table confidence` (`pwralign_kin.benchmark.calibration`). Too few
+The first was fitted by `python scripts/benchmark.py --table confidence` (`pwralign_kin.benchmark.calibration`). Too few
 of today's answers are wrong to fit the second, which lies between what an earlier estimator's answers, wrong more
 often, and today's make of it: how much `uneven` and `ahead` count is by today's. The table shows what it finds beside
 these."""
