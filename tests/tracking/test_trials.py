@@ -46,25 +46,26 @@ def test_a_search_ends_all_trials(arm: pk.ArticulatedModel, moving: Frames) -> N
     assert found.searched and not found.lost and "elbow" not in found.undetermined
 
 
-def test_a_joint_that_moved_far_while_it_was_hidden_is_found(arm: pk.ArticulatedModel, moving: Frames) -> None:
+def wrong_while_hidden(arm: pk.ArticulatedModel, moving: Frames, off: float) -> pk.Tracker:
+    """A tracker whose elbow was hidden for 14 frames, and is believed to be so far `off` (rad)."""
     tracker = pk.Tracker(arm, initial=moving[0].state)
     tracker.update(moving[0].images[0], 0.0)
     for frame in moving[1:15]:
         tracker.update(forearm_hidden(arm, frame), frame.time)
     assert tracker._motion is not None
-    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, 0.8]))
+    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, off]))
+    return tracker
+
+
+def test_a_joint_that_moved_far_while_it_was_hidden_is_found(arm: pk.ArticulatedModel, moving: Frames) -> None:
+    tracker = wrong_while_hidden(arm, moving, 0.8)
     for frame in moving[15:18]:
         tracked = tracker.update(frame.images[0], frame.time)
     assert errors(arm, tracked.state, moving[17].state)[0] < 2.0
 
 
 def test_a_hidden_joint_is_not_held_where_it_would_be_seen(arm: pk.ArticulatedModel, moving: Frames) -> None:
-    tracker = pk.Tracker(arm, initial=moving[0].state)
-    tracker.update(moving[0].images[0], 0.0)
-    for frame in moving[1:15]:
-        tracker.update(forearm_hidden(arm, frame), frame.time)
-    assert tracker._motion is not None
-    tracker._motion = replace(tracker._motion, values=tracker._motion.values + np.array([0.0, 1.2]))
+    tracker = wrong_while_hidden(arm, moving, 1.2)
     for frame in moving[15:18]:
         tracked = tracker.update(forearm_hidden(arm, frame), frame.time)
     assert tracked.model_support > 0.9 and "elbow" in tracked.undetermined

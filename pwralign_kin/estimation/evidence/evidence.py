@@ -51,8 +51,8 @@ class Evidence:
     """What speaks for and against an answer."""
 
     nearby: float
-    """Share of the scan that lies near the model without being explained by it. Whatever else the scan holds is
-    mostly farther away."""
+    """Share of the scan that lies near the model without being explained by it, but for a patch of floor, table or
+    wall. Whatever else the scan holds is mostly farther away."""
 
     lacking: float
     """Share of the model's surface in parts that explain hardly anything, against the average of all parts."""
