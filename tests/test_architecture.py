@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 LEVELS = (
     {
-        "arrays", "exceptions", "checked_options", "dependencies", "directions", "files", "read_only", "se3", "state",
-        "kernels",
+        "arrays", "exceptions", "checked_options", "dependencies", "directions", "files", "lengths", "read_only", "se3",
+        "state", "kernels",
     },
     {"model", "scan"},
     {"estimation", "simulation", "render"},

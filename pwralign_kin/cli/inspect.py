@@ -11,6 +11,7 @@ from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, ScanOptions, ScanPath
 from pwralign_kin.cli.table import table
 from pwralign_kin.exceptions import MissingMeshError
+from pwralign_kin.lengths import METRES, PLURALS
 
 if TYPE_CHECKING:
     from pwralign_kin.model import ArticulatedModel, MovingJoint
@@ -101,7 +102,7 @@ def _relation(joint: MovingJoint) -> str:
 
 def _compared(scan: Scan, model: ArticulatedModel) -> str:
     """Return what the scan holds and which unit makes sense beside the model."""
-    from pwralign_kin.scan import METRES, likely_unit
+    from pwralign_kin.scan import likely_unit, units_of_it_alone
 
     origin = {None: "unknown", 1: "one", 2: "one per point"}[
         None if scan.sensor_origin is None else scan.sensor_origin.ndim
@@ -112,7 +113,7 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     rows = [
         ("points", str(len(scan))),
         ("dropped", dropped or "none"),
-        ("likely unit", _in_words(unit, ratio, image=scan.camera is not None)),
+        ("likely unit", _in_words(unit, ratio, units_of_it_alone(scan, model.diagonal), image=scan.camera is not None)),
         ("extent", f"{' x '.join(f'{length:.4g}' for length in scan.extent)} {unit}"),
         ("beside the model", f"in {unit} {ratio:.3g} times as large"),
         ("sensor origin", origin),
@@ -121,16 +122,19 @@ def _compared(scan: Scan, model: ArticulatedModel) -> str:
     return table(("scan", scan.source), rows)
 
 
-def _in_words(unit: str, ratio: float, *, image: bool) -> str:
-    """Return the likely unit and what to do about it, of a scan or depth `image` that is `ratio` models large in it."""
-    from pwralign_kin.scan import METRES
+def _in_words(unit: str, ratio: float, alone: Sequence[str], *, image: bool) -> str:
+    """Return the likely unit and what to do about it, of a scan or depth `image` that is `ratio` models large in it.
 
+    In the units of `alone` it would be of the model alone.
+    """
     scale = f"its --depth-scale is {METRES[unit]:g} times the one in use" if image else f"use --units {unit}"
     if unit != "m":
         return f"{unit}: {scale}"
     if ratio <= SCENE:
         return unit
     other = "depth in another unit: give --depth-scale" if image else "in a unit that is not read: scale it to m"
+    if alone and not image:
+        other = f"in {PLURALS[alone[0]]}: use --units {alone[0]}"
     return f"{unit}, if it shows more than the model; else it is {other}"
 
 

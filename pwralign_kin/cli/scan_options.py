@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from pwralign_kin.cli.arguments import SCAN, Box, Pose, Triple, placement
 from pwralign_kin.cli.codes import UsageError
+from pwralign_kin.lengths import METRES, Units
 
 if TYPE_CHECKING:
     from pwralign_kin.scan import DepthFrame, Scan
@@ -21,8 +22,6 @@ ScanPath = Annotated[
     Path,
     Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, a mesh (OBJ, STL, GLB) or a 16-bit PNG depth image."),
 ]
-
-Units = Literal["m", "cm", "mm", "in", "auto"]
 
 _STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -141,7 +140,7 @@ def in_metres(scan: Scan, units: Units, diagonal: float) -> tuple[Scan, float]:
 
     Raises `UnitError` when `units` cannot be true beside a model of `diagonal` m.
     """
-    from pwralign_kin.scan import METRES, check_units, likely_unit
+    from pwralign_kin.scan import check_units, likely_unit
 
     check_units(scan, diagonal, units)
     unit = likely_unit(scan, diagonal) if units == "auto" else units

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -16,6 +16,7 @@ from pwralign_kin.cli.codes import UsageError
 from pwralign_kin.cli.joint_options import JOINT_OPTIONS, JointOptions
 from pwralign_kin.cli.model_options import MODEL_OPTIONS, ModelOptions, Urdf
 from pwralign_kin.cli.scan_options import CAMERA_OPTIONS, CameraOptions, in_metres, refuse_urdf
+from pwralign_kin.lengths import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,7 +40,7 @@ class StreamOptions:
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
     ] = None
     topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None
-    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.")] = "m"
+    units: Annotated[Unit, Parameter(help="Unit of scan files.")] = "m"
 
     def read(self, paths: Sequence[Path]) -> Iterator[tuple[float, Scan | DepthFrame | Array]]:
         """Yield time (s) and frame, in the unit of its file; raises what `read_frames` raises."""

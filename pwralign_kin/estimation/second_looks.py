@@ -26,7 +26,7 @@ from pwralign_kin.estimation.sensing.scene import surroundings_of, wide_patches
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
 from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, SearchedScan, Suppositions
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
-from pwralign_kin.scan import Scan, warn_of_rounding
+from pwralign_kin.scan import Scan, note_of_unit, warn_of_rounding
 from pwralign_kin.state import State
 
 logger = logging.getLogger(__name__)
@@ -47,6 +47,8 @@ PATCHES = 0.02
 OF_OTHER_HAND = 0.02
 """Share of strange and astray points from which the mirror image of the scan is looked at: few right answers have as
 much, and nearly all to mirror images of models that are not their own."""
+UNSURE = 0.7
+"""Confidence below which an answer in a scene may come of a wrong unit: scans in feet of a model alone got 0.6."""
 OF_THE_MODEL = 0.8
 """Share of explained points from which the scan is of the model: among much else, what is strange is of that."""
 
@@ -64,6 +66,8 @@ def estimated(
     estimate = _apart_from_surroundings(estimator, searched, estimate)
     estimate = _against_mirror_image(estimator, searched, estimate)
     warn_of_size(scan, estimate)
+    if searched.solver.comparison.observation.scene and estimate.confidence < UNSURE:
+        note_of_unit(scan, estimator.model.diagonal)
     return estimate
 
 

@@ -7,25 +7,19 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pwralign_kin import kernels
 from pwralign_kin.exceptions import EmptyScanError, ScanError
+from pwralign_kin.lengths import METRES, Unit
 from pwralign_kin.read_only import ReadOnly, read_only
 from pwralign_kin.scan import readers
 from pwralign_kin.scan.pinhole import DepthCamera, checked_depth, checked_intrinsics
 from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
-
-Unit = Literal["m", "cm", "mm", "in"]
-Units = Literal["m", "cm", "mm", "in", "auto"]
-
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-"""Length of each unit, m."""
 
 MIN_POINTS = 10
 """Fewer distinct points than this cannot fix a rigid part, let alone joints."""

@@ -7,11 +7,13 @@ import logging
 import numpy as np
 
 from pwralign_kin.exceptions import ScanError, UnitError
-from pwralign_kin.scan.scan import METRES, Scan, Units
+from pwralign_kin.lengths import METRES, PLURALS, Units
+from pwralign_kin.scan.scan import Scan
 
 logger = logging.getLogger(__name__)
 
-PLURALS = {"mm": "millimetres", "cm": "centimetres", "in": "inches"}
+GUESSED = ("mm", "cm", "in")
+"""Units that a scan may be taken to be in. In feet a model alone is as large as many a metric scene, and as dense."""
 
 MIN_RELATIVE_SIZE = 0.15
 """A scan that shows the model spans at least this share of the model's diagonal."""
@@ -19,6 +21,9 @@ MIN_RELATIVE_SIZE = 0.15
 SEGMENTED = (0.5, 3.0)
 """Relative sizes of scans in units other than m and mm: of the model alone, for such scenes are rarer than metric ones
 that are as large."""
+
+ALONE = (0.5, 1.7)
+"""Relative sizes of most scans of the model alone."""
 
 MILLIMETRE_FIRST = 2.0
 """By so much a size in millimetres may be farther from the model's than one in another unit."""
@@ -84,13 +89,30 @@ def likely_unit(scan: Scan, model_diagonal: float) -> str:
     """Return the unit in which the scan makes sense beside the model, "m" where none makes more."""
     if not (np.isfinite(model_diagonal) and model_diagonal > 0.0):
         raise ScanError(scan.source, f"cannot compare the scan with a model of size {model_diagonal} m")
-    ratios = {unit: METRES[unit] * scan.diagonal / model_diagonal for unit in PLURALS}
+    ratios = {unit: METRES[unit] * scan.diagonal / model_diagonal for unit in GUESSED}
     off = {unit: abs(np.log(ratio)) for unit, ratio in ratios.items() if SEGMENTED[0] <= ratio <= SEGMENTED[1]}
     if ratios["mm"] >= MIN_RELATIVE_SIZE:
         off["mm"] = abs(np.log(ratios["mm"])) - np.log(MILLIMETRE_FIRST)
     if not off or _spacing(scan) <= MAX_RELATIVE_SPACING * model_diagonal:
         return "m"
     return min(off, key=off.__getitem__)
+
+
+def units_of_it_alone(scan: Scan, model_diagonal: float) -> tuple[str, ...]:
+    """Return the units other than m in which a scan would be as large as one of the model alone."""
+    ratio = scan.diagonal / model_diagonal
+    return tuple(unit for unit in PLURALS if ALONE[0] <= METRES[unit] * ratio <= ALONE[1])
+
+
+def note_of_unit(scan: Scan, model_diagonal: float) -> None:
+    """Log in which other unit a scan in m, in which nothing was found for sure, would be of the model alone."""
+    likely = units_of_it_alone(scan, model_diagonal)
+    if likely and scan.camera is None:
+        logger.info(
+            "%s: it was searched as a scene %.1f times as large as the model; if it is in %s, it may be of the model "
+            "alone: units=%r / --units %s",
+            scan.source, scan.diagonal / model_diagonal, PLURALS[likely[0]], likely[0], likely[0],
+        )  # fmt: skip
 
 
 def warn_of_rounding(scan: Scan, model_diagonal: float) -> None:

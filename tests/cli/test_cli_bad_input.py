@@ -369,8 +369,8 @@ def test_little_confidence_is_not_rounded_up(capfd: pytest.CaptureFixture[str]) 
 
 
 def test_inspect_tells_extents_with_their_unit(arm: Path, tmp_path: Path, pwralign: Call) -> None:
-    """In the unit that is likely; of a scan in feet, that no unit fits one of the model alone."""
+    """In the unit that is likely; of a scan in feet, that in feet it would be of the model alone."""
     corners = np.random.default_rng(0).random((3000, 3)).round(1) * 0.5
-    for factor, words in ((1.0, "0.5 x 0.5 x 0.5 m"), (1e3, "500 x 500 x 500 mm"), (3.3, "unit that is not read")):
+    for factor, words in ((1.0, "0.5 x 0.5 x 0.5 m"), (1e3, "500 x 500 x 500 mm"), (3.3, "in feet: use --units ft")):
         np.save(tmp_path / "scan.npy", factor * corners)
         assert words in pwralign("inspect", arm, tmp_path / "scan.npy").out

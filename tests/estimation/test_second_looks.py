@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest import mock
@@ -176,3 +178,13 @@ def test_the_floor_about_a_model_is_not_strange_to_it(
     assert estimate.evidence.strange < 0.02 < 0.08 < before.evidence.strange
     assert estimate.evidence.explained > 0.95 > before.evidence.explained
     assert estimate.confidence > 0.9 > before.confidence
+
+
+def test_a_doubtful_answer_in_what_may_be_the_model_in_feet_is_noted(
+    repository: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    model = pk.ArticulatedModel.from_urdf(repository / "robots/laptop/laptop.urdf")
+    scan = pk.Scan.load(repository / "robots/laptop/scans/single.ply").scaled(1.0 / 0.3048)
+    with caplog.at_level(logging.INFO, logger="pwralign_kin"):
+        estimate = pk.estimate(model, scan, options=pk.EstimatorOptions(effort="fast"))
+    assert estimate.confidence < 0.7 and "--units ft" in caplog.text

@@ -1,4 +1,4 @@
-"""Metres or millimetres."""
+"""In which unit a scan is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pwralign_kin.exceptions import ScanError, UnitError
-from pwralign_kin.scan import Scan, check_named_unit, check_units, likely_unit
+from pwralign_kin.scan import Scan, check_named_unit, check_units, likely_unit, note_of_unit, units_of_it_alone
 
 DIAGONAL = 0.8
 """Diagonal of the imagined model, m."""
@@ -97,7 +97,7 @@ def test_a_model_without_size_raises() -> None:
 
 def test_an_unknown_unit_raises(tmp_path) -> None:  # type: ignore[no-untyped-def]
     np.save(tmp_path / "scan.npy", surface(1.0, 100))
-    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, None to keep the numbers"):
+    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, ft, None to keep the numbers"):
         Scan.load(tmp_path / "scan.npy", units="inch")  # type: ignore[arg-type]
 
 
@@ -118,3 +118,29 @@ def test_a_scan_that_cannot_be_in_the_unit_named() -> None:
     assert caught.value.scale == 1.0
     check_named_unit(scan, DIAGONAL, "m")
     check_named_unit(Scan(surface(30.0 * DIAGONAL, 600)), DIAGONAL, "mm")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "units"), [(1.0, ()), (3.28, ("ft",)), (39.4, ("in",)), (100.0, ("cm",)), (1e3, ("mm",))]
+)
+def test_the_units_in_which_a_scan_is_of_the_model_alone(ratio: float, units: tuple[str, ...]) -> None:
+    assert units_of_it_alone(Scan(surface(ratio * DIAGONAL, 600)), DIAGONAL)[:1] == units
+
+
+def test_feet_are_read_and_noted_but_not_taken_for_granted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    np.save(tmp_path / "scan.npy", surface(DIAGONAL / 0.3048, 2000))
+    scan = Scan.load(tmp_path / "scan.npy")
+    assert check_units(scan, DIAGONAL) is scan  # many a metric scene is as large
+    with caplog.at_level(logging.INFO, logger="pwralign_kin"):
+        note_of_unit(scan, DIAGONAL)
+    assert "3.3 times as large as the model" in caplog.text and "--units ft" in caplog.text
+    assert Scan.load(tmp_path / "scan.npy", units="ft").diagonal == pytest.approx(DIAGONAL, rel=0.01)
+
+
+def test_nothing_is_noted_of_a_depth_image_or_where_no_other_unit_fits(caplog: pytest.LogCaptureFixture) -> None:
+    image = Scan.from_depth(np.full((48, 64), 2.6), (60.0, 60.0, 31.5, 23.5))
+    assert units_of_it_alone(image, DIAGONAL)
+    with caplog.at_level(logging.INFO, logger="pwralign_kin"):
+        note_of_unit(image, DIAGONAL)
+        note_of_unit(Scan(surface(12.0 * DIAGONAL, 600)), DIAGONAL)
+    assert not caplog.text

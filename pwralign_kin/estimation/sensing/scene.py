@@ -98,7 +98,7 @@ def observe_scene(
     """Prepare a scene for the model, to be searched between the corners of `box` (m).
 
     Points that are known to be of the `surroundings` (n,) count as wide planes do. Raises `ScanError` where nothing can
-    be searched.
+    be searched (`UnitError` where that may be for the scan's unit).
     """
     diagonal, options, model_area = setup.diagonal, setup.options, total_area(setup.surfaces)
     if surroundings is None and scan.diagonal > MOST_EXTENT * diagonal:
@@ -117,6 +117,7 @@ def observe_scene(
     near &= ((cells.points >= low) & (cells.points <= high)).all(axis=1)
     region = regions_of(cells.points, cells.spacing, near & ~planes, model_area, options)
     if (region < 0).all():
+        check_units(scan, diagonal)
         where = "what is to be searched" if np.isfinite(box[0]).any() else "the scene"
         size = f"it is {scan.diagonal / diagonal:.3g} times as large as the model: is it at its scale?"
         raise ScanError(scan.source, f"nothing in {where} has points close enough together to show the model; {size}")

@@ -14,7 +14,7 @@ from pwralign_kin.estimation.search.scene_search import SceneSearchOptions
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene import close_up, is_scene, observe_scene, surroundings_of
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
-from pwralign_kin.exceptions import ScanError
+from pwralign_kin.exceptions import ScanError, UnitError
 from pwralign_kin.se3 import inverse, transform
 from pwralign_kin.simulation import TIERS, SimulatedScan
 
@@ -68,6 +68,13 @@ def test_only_the_box_is_searched(excavator: pk.ArticulatedModel, scene: Simulat
     assert ((searched > low - margin) & (searched < high + margin)).all()
     with pytest.raises(ScanError, match="what is to be searched"):
         observed(excavator, scene.scan, (low + 100.0, high + 100.0))
+
+
+def test_a_scan_of_the_model_alone_in_inches_is_no_scene_that_shows_nothing(excavator: pk.ArticulatedModel) -> None:
+    inches = pk.simulate(excavator, sensor=TIERS["single"], seed=1).scan.scaled(1.0 / 0.0254)
+    with pytest.raises(UnitError, match="--units in") as caught:
+        observed(excavator, inches)
+    assert caught.value.scale == 0.0254
 
 
 def test_the_field_of_a_scene_does_not_depend_on_the_threads(
