@@ -78,7 +78,9 @@ def _run(tokens: Sequence[str]) -> int:
         return messages.complain(f"{error} See pwralign {verb}--help.", USAGE)
     except PwralignError as error:
         return messages.complain(str(error), BAD_INPUT)
-    except (BrokenPipeError, SystemExit):  # the latter from the help, which nothing else ends early
+    except (BrokenPipeError, SystemExit) as error:
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            return _unexpected(error)  # only Rich, which prints the help, ends a process, where it cannot be read
         messages.give_up_stdout()  # whoever read the output has had enough
         return OK
     except OSError as error:
@@ -110,7 +112,7 @@ def _app() -> App:
     return app
 
 
-def _unexpected(error: Exception) -> int:
+def _unexpected(error: BaseException) -> int:
     """Complain of an error that nobody raised on purpose: a library does not load, or a defect."""
     if isinstance(error, ImportError | OSError):
         problem = dependencies.explained(error)

@@ -29,12 +29,14 @@ if TYPE_CHECKING:
 @Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True)
 class OutputOptions:
-    """Which files are written. Raises `UsageError` for a bundle of none."""
+    """Which files are written, and how. Raises `UsageError` for what is about files where none are."""
 
     out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"] | None,
-        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z."),
+        Parameter(
+            help="With --out: the up axis of the scan, for GLB and picture alone; against --gravity by default, else z."
+        ),
     ] = None
     bundle: Annotated[
         bool,
@@ -47,8 +49,12 @@ class OutputOptions:
 
     def __post_init__(self) -> None:
         """Check what belongs together."""
-        if self.bundle and self.out is None:
+        if self.out is not None:
+            return
+        if self.bundle:
             raise UsageError("--bundle is about the files that --out writes: give --out.")
+        if self.up is not None:
+            raise UsageError("--up is about the files that --out writes: give --out. --gravity is for the search.")
 
 
 OUTPUT_OPTIONS = OutputOptions()

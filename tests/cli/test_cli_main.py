@@ -41,6 +41,7 @@ from pwralign_kin.simulation import TIERS
         (["estimate", "a", "b", "--units", "km"], "--units"),
         (["estimate", "a", "b", "--up", "w"], "--up"),
         (["estimate", "a", "b", "--bundle"], "--out"),
+        (["estimate", "a", "b", "--up", "y"], "--gravity"),
         (["estimate", "a", "b", "--seed", "-1"], "--seed"),
         (["estimate", "a", "b", "--threads", "-2"], "--threads"),
         (["simulate", "a"], "--out"),
@@ -117,6 +118,25 @@ def test_an_unexpected_error_leaves_a_traceback_in_a_file(
     assert "ValueError: first line second line" in error
     report = Path(error.split()[-1].rstrip(")"))
     assert "Traceback" in report.read_text()
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_library_that_ends_the_process_is_no_success(
+    code: int, arm: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ArticulatedModel, "from_urdf", lambda *_, **__: sys.exit(code))
+    outcome = pwralign("inspect", arm)
+    assert outcome.code == 70 and "SystemExit" in outcome.error()
+
+
+def test_help_that_nobody_reads_to_the_end_is_no_failure() -> None:
+    script = "import sys; from pwralign_kin.cli import main; sys.stdin.read(); sys.exit(main(['estimate', '--help']))"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", script], text=True, **pipes) as process:
+        assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+        process.stdout.close()  # before it writes the first line
+        process.stdin.close()
+        assert process.stderr.read() == "" and process.wait() == 0
 
 
 @pytest.mark.parametrize("error", [ImportError, OSError])
