@@ -108,46 +108,25 @@ class FrameFitting:
         if usual is not None:
             sigma, noise, tolerance = usual.sigma, max(usual.noise, LEAST_NOISE), usual.tolerance
         if native.points < LEAST_POINTS:
-            judged = native.judge(base[None], values, tolerance)
-            return FrameFit(
-                expected.T_scan_base,
-                expected.values,
-                visible=judged.visible,
-                support=judged.supported,
-                points=native.points,
-            )
+            return self._unfitted(expected, base, values, tolerance)
         first = WIDE_SIGMA if wide else float(np.clip(0.012 + 0.25 * expected.ahead, 2 * sigma, WIDE_SIGMA))
-        iterations = self.options.iterations * (WIDE_ITERATIONS if wide else 1)
-        still = expected.held if held is None else held
-        known: Array = np.asarray(np.linalg.inv(expected.covariance), float)
-        believed = known
-        if doubt is not None:
-            believed = np.asarray(np.linalg.inv(expected.covariance + np.diag(np.r_[np.zeros(6), doubt**2])), float)
-        if wide:
-            believed = believed / WIDER**2
+        believed = _believed(expected, doubt, wide=wide)
         found, fitted, done, rmse = native.fit(
             base=base[None],
             values=values,
             predicted=predicted[None],
             predicted_values=expected.values,
             expected=believed,
-            held=still.astype(np.uint8),
+            held=(expected.held if held is None else held).astype(np.uint8),
             sigma_first=first,
             sigma_last=sigma,
             noise=noise,
-            iterations=iterations,
+            iterations=self.options.iterations * (WIDE_ITERATIONS if wide else 1),
             seconds=limit - clock.perf_counter(),
         )
-        information = _semidefinite(native.information - believed)
-        covariance: Array = np.asarray(np.linalg.inv(information + known), float)
-        # What the frame adds for a joint while all else is free, beside what it would add were all else known.
-        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
-        conditional = np.diag(information)[6:]
-        levers = native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
+        covariance, levers = self._told(_semidefinite(native.information - believed), expected)
         judged = native.judge(found[None], fitted, tolerance)
         strays, missing = self._part_misfits()
-        # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
-        agreement = judged.agreement if self.viewed else judged.coverage
         return FrameFit(
             T_scan_base=self.outward(found),
             values=fitted,
@@ -155,7 +134,8 @@ class FrameFitting:
             rmse=rmse,
             noise=judged.noise,
             coverage=judged.coverage,
-            agreement=agreement,
+            # From an unknown viewpoint, what is in front of the model, or behind it, cannot be told.
+            agreement=judged.agreement if self.viewed else judged.coverage,
             visible=judged.visible,
             support=judged.supported,
             cost=judged.cost,
@@ -165,6 +145,27 @@ class FrameFitting:
             covariance=covariance,
             levers=levers,
         )
+
+    def _unfitted(self, expected: BelievedMotion, base: Array, values: Array, tolerance: float) -> FrameFit:
+        """Return the expected configuration where a frame shows too little to fit it to, judged where a fit would have
+        begun."""
+        judged = self.native.judge(base[None], values, tolerance)
+        return FrameFit(
+            expected.T_scan_base,
+            expected.values,
+            visible=judged.visible,
+            support=judged.supported,
+            points=self.native.points,
+        )
+
+    def _told(self, information: Array, expected: BelievedMotion) -> tuple[Array, Array]:
+        """Return the covariance (6 + k, 6 + k) after the last fit, and the levers (k,) of its joints, by the
+        `information` (6 + k, 6 + k) that the frame adds to what was expected."""
+        covariance: Array = np.asarray(np.linalg.inv(information + _believed(expected)), float)
+        # What the frame adds for a joint while all else is free, beside what it would add were all else known.
+        marginal = np.maximum(1.0 / np.diag(covariance)[6:] - 1.0 / np.diag(expected.covariance)[6:], 0.0)
+        conditional = np.diag(information)[6:]
+        return covariance, self.native.levers * np.sqrt(marginal / np.maximum(conditional, 1e-12))
 
     def _part_misfits(self) -> tuple[Array, Array]:
         """Return strays and missing (parts,) of the configuration judged last."""
@@ -187,6 +188,16 @@ def checked(frame: Frame) -> Frame:
         got = f"{points.dtype} of shape {points.shape}"
         raise ScanError("frame", f"expected a Scan, a DepthFrame or floating-point points (n, 3), got {got}")
     return np.ascontiguousarray(points, np.float32 if points.dtype == np.float32 else np.float64)
+
+
+def _believed(expected: BelievedMotion, doubt: Array | None = None, *, wide: bool = False) -> Array:
+    """Return the information (6 + k, 6 + k) that is expected beforehand, less with `doubt` (k,) of the values, and of a
+    `wide` range."""
+    covariance = expected.covariance
+    if doubt is not None:
+        covariance = covariance + np.diag(np.r_[np.zeros(6), doubt**2])
+    believed: Array = np.asarray(np.linalg.inv(covariance), float)
+    return believed / WIDER**2 if wide else believed
 
 
 def _semidefinite(information: Array) -> Array:

@@ -129,16 +129,6 @@ def test_a_library_that_ends_the_process_is_no_success(
     assert outcome.code == 70 and "SystemExit" in outcome.error()
 
 
-def test_help_that_nobody_reads_to_the_end_is_no_failure() -> None:
-    script = "import sys; from pwralign_kin.cli import main; sys.stdin.read(); sys.exit(main(['estimate', '--help']))"
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", script], text=True, **pipes) as process:
-        assert process.stdin is not None and process.stdout is not None and process.stderr is not None
-        process.stdout.close()  # before it writes the first line
-        process.stdin.close()
-        assert process.stderr.read() == "" and process.wait() == 0
-
-
 @pytest.mark.parametrize("error", [ImportError, OSError])
 def test_a_system_library_that_does_not_load_gets_its_install_line(
     error: type[ImportError | OSError], arm: Path, pwralign: Call, monkeypatch: pytest.MonkeyPatch
