@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin.se3 import Array
+from pwralign_kin.tracking.even_points import EvenPoints
 from pwralign_kin.tracking.fit import EVIDENT, FrameFit, Usual
 from pwralign_kin.tracking.frame_fitting import FrameFitting
 from pwralign_kin.tracking.joints import Joints
@@ -48,7 +49,7 @@ class Trials:
         # joints on trial that are not told, the deviation.
         self._spread, self._alike, self.apart = np.zeros(count), np.zeros(count), np.zeros(count)
         self._passed, self._waited = np.zeros(count, int), np.zeros(count, int)
-        self._drawn = 0
+        self.sequence = EvenPoints()
 
     @property
     def active(self) -> bool:
@@ -147,7 +148,7 @@ class Trials:
             if clock.perf_counter() >= limit:
                 break
             best = rows[:KEPT]
-            drawn = share * (high - low) * (self._spaced(DRAWN // len(about), len(reach)) - 0.5)
+            drawn = share * (high - low) * (self.sequence.draw(DRAWN // len(about), len(reach)) - 0.5)
             rows = np.repeat(fit.values[None], len(about) * len(drawn), axis=0)
             rows[:, chain] = (about[:, None] + drawn).reshape(-1, len(reach))
             rows = np.concatenate([fit.values[None], best, joints.within(rows)])
@@ -158,15 +159,3 @@ class Trials:
             if against[-1] - against[0] < EVIDENT:  # nothing tells them apart, as of hidden parts or round ones
                 return rows, against, float(against[0])
         return rows, against, own
-
-    def _spaced(self, count: int, size: int) -> Array:
-        """Return the next points (count, size) of a sequence that fills the unit cube evenly.
-
-        M. Roberts, The Unreasonable Effectiveness of Quasirandom Sequences, 2018.
-        """
-        ratio = 2.0
-        for _ in range(32):
-            ratio = (1.0 + ratio) ** (1.0 / (size + 1))
-        numbers = np.arange(self._drawn, self._drawn + count)[:, None]
-        self._drawn += count
-        return np.asarray((0.5 + numbers * ratio ** -np.arange(1.0, size + 1)) % 1.0)

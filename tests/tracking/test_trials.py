@@ -105,18 +105,6 @@ def test_a_joint_that_stays_hidden_is_tried_ever_less(
     assert tracker._trials.active
 
 
-def test_values_are_drawn_evenly(arm: pk.ArticulatedModel) -> None:
-    trials = pk.Tracker(arm)._trials
-    for size in (1, 2, 4):
-        trials.clear()
-        drawn = np.concatenate([trials._spaced(24, size), trials._spaced(40, size)])
-        assert drawn.shape == (64, size) and (drawn >= 0.0).all() and (drawn < 1.0).all()
-        for column in drawn.T:
-            assert (np.histogram(column, 8, (0.0, 1.0))[0] >= 5).all()
-        corners = (drawn[:, :2] > 0.5).astype(int) @ (2 ** np.arange(min(size, 2)))
-        assert (np.bincount(corners) >= 10).all()
-
-
 def test_nothing_is_left_of_trials_that_have_ended(
     arm: pk.ArticulatedModel, moving: Frames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,11 +133,11 @@ def test_a_trial_that_the_time_limit_cuts_short_does_not_count(
     tracker, _ = elbow_back(arm, moving, pk.TrackerOptions(time_limit=60.0))
     trials = tracker._trials
     trials._waited[1] = 64
-    passed, before = trials._passed.copy(), trials._drawn
+    passed, before = trials._passed.copy(), trials.sequence.drawn
     times = chain(repeat(0.0, rounds), repeat(np.inf))
     monkeypatch.setattr(module, "clock", SimpleNamespace(perf_counter=lambda: next(times)))
     tracker.update(moving[16].images[0], moving[16].time)
-    assert trials._drawn == before + drawn
+    assert trials.sequence.drawn == before + drawn
     assert trials._waited[1] == 65 and (trials._passed == passed).all()
 
 
@@ -158,7 +146,7 @@ def test_values_that_nothing_tells_apart_are_drawn_once(
 ) -> None:
     tracker, _ = elbow_back(arm, moving)
     monkeypatch.setattr(FrameFitting, "weighed", lambda _, __, values, *___: np.zeros(len(values)))
-    drawn = tracker._trials._drawn
+    drawn = tracker._trials.sequence.drawn
     tracker._trials._waited[1] = 64
     tracked = tracker.update(moving[16].images[0], moving[16].time)
-    assert tracker._trials._drawn == drawn + 64 and "elbow" in tracked.undetermined
+    assert tracker._trials.sequence.drawn == drawn + 64 and "elbow" in tracked.undetermined
