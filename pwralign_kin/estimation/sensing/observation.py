@@ -14,6 +14,7 @@ import numpy as np
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Ints, Singles
 from pwralign_kin.checked_options import Cell, CheckedOptions, Count, NotNegative, Positive, Share
+from pwralign_kin.estimation.sensing.points import area_of_point
 from pwralign_kin.se3 import Array
 
 NO_BORDERS: Singles = np.zeros((0, 3), np.float32)
@@ -106,8 +107,8 @@ class Observation:
 
     @property
     def area_per_point(self) -> float:
-        """Surface area that one point stands for: a disc of its sixth neighbour's radius holds seven points."""
-        return float(np.pi * self.spacing**2 / 7)
+        """Surface area that one point stands for."""
+        return area_of_point(self.spacing)
 
     def to_search(self, T: Array) -> Array:
         """Convert placements (..., 4, 4) of the scan frame (m) to the search's centred, scaled frame."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Singles
 from pwralign_kin.se3 import Array
+
+Radius = TypeVar("Radius", float, Singles)
 
 
 def median(values: NDArray[Any]) -> float:
@@ -36,3 +38,10 @@ def at_most(points: Singles, most: int) -> Singles:
 def sixth_neighbour(points: Singles, threads: int) -> Singles:
     """Return the distance of each point to its sixth neighbour, or the farthest of fewer."""
     return np.asarray(kernels.nearest_neighbours(points, points, 7, threads)[0][:, -1])
+
+
+def area_of_point(sixth: Radius) -> Radius:
+    """Return the surface that a point stands for whose sixth neighbour is so far: a disc so wide holds seven points."""
+    area: Any = np.pi * sixth**2  # whose type NumPy takes for double precision
+    share: Radius = area / 7
+    return share

@@ -8,15 +8,18 @@ from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.estimation.sensing.by_range import usual_at_range
 from pwralign_kin.estimation.sensing.observation import ONE_SIDE
+from pwralign_kin.estimation.sensing.points import area_of_point
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 
 STRAYING, LEAST_STRAYING = 1.6, 0.03
 """Distance to the sixth neighbour, as a multiple of what is searched by median and at least, of points that are."""
+LARGEST_SPACING = 0.1
+"""Distance to the sixth neighbour (model diagonals) beyond which a point stands for no more surface."""
 
 
 def areas_of(spacing: Singles) -> Singles:
     """Return the surface that each point stands for, by its distance to its sixth neighbour."""
-    return np.asarray(np.pi * np.minimum(spacing, 0.1) ** 2 / 7, np.float32)
+    return area_of_point(np.minimum(spacing, LARGEST_SPACING))
 
 
 def near_enough(
