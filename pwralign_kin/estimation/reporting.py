@@ -11,6 +11,7 @@ from pwralign_kin.estimation.answers.answer_search import FINE_SIGMA, FINE_SUPPO
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import total_coverage
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
+from pwralign_kin.estimation.doubt.observability import Doubt
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import ahead_of
 from pwralign_kin.estimation.options import EstimatorOptions, changed
@@ -44,13 +45,7 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
     T_scan_parts = state.T_scan_base @ model.part_placements(model.values(state.joints))
     labels, distances = _labels(scan, comparison, observation.to_search(T_scan_parts))
     explained = labels >= 0
-    points = np.bincount(labels[explained], minlength=len(model.parts))
-    squares = np.bincount(labels[explained], np.square(distances[explained]), len(model.parts))
-    residuals = np.sqrt(squares / np.where(points > 0, points, np.nan))
     names, scales = model.joint_names, model.joint_scales
-    variances = np.diag(doubt.covariance)[6:] * scales**2
-    prior_std = np.array([options.prior_std.get(name, np.inf) for name in names])
-    std = np.where(doubt.undetermined, prior_std, np.sqrt(variances))
     twist_scales = np.concatenate([np.ones(3), np.full(3, model.diagonal), scales])
     return Estimate(
         state=state,
@@ -61,18 +56,10 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
         scan_coverage=float(explained.mean()),
         model_support=float(seen @ (comparison.weights * comparison.exists)),
         viewpoint_known=observation.single_view,
-        parts={
-            part.name: PartEstimate(
-                T_scan_part=T_scan_parts[i],
-                residual=float(residuals[i]),
-                points=int(points[i]),
-                support=float(seen[i]) if comparison.exists[i] else float("nan"),
-            )
-            for i, part in enumerate(model.parts)
-        },
+        parts=_parts(model, T_scan_parts, labels, distances, np.where(comparison.exists, seen, np.nan)),
         scan_labels=_per_input(labels, scan),
         undetermined=tuple(name for name, is_so in zip(names, doubt.undetermined, strict=True) if is_so),
-        std=dict(zip(names, std.tolist(), strict=True)),
+        std=_deviations(model, doubt, options),
         covariance=doubt.covariance * np.outer(twist_scales, twist_scales),
         alternatives=tuple(
             Alternative(
@@ -88,6 +75,29 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
         options=changed(options),
         units={name: model.units[name] for name in names},
     )
+
+
+def _parts(
+    model: ArticulatedModel, T_scan_parts: Array, labels: NDArray[np.int64], distances: Array, support: Array
+) -> dict[str, PartEstimate]:
+    """Return what is told of each part, placed (parts, 4, 4), by the part that each kept point lies on, their distances
+    (m) and the `support` (parts,)."""
+    explained, count = labels >= 0, len(model.parts)
+    points = np.bincount(labels[explained], minlength=count)
+    squares = np.bincount(labels[explained], np.square(distances[explained]), count)
+    residuals = np.sqrt(squares / np.where(points > 0, points, np.nan))
+    return {
+        part.name: PartEstimate(T_scan_parts[i], float(residuals[i]), int(points[i]), float(support[i]))
+        for i, part in enumerate(model.parts)
+    }
+
+
+def _deviations(model: ArticulatedModel, doubt: Doubt, options: EstimatorOptions) -> dict[str, float]:
+    """Return the standard deviation of each joint value (rad or m): where it is undetermined, that of its prior."""
+    variances = np.diag(doubt.covariance)[6:] * model.joint_scales**2
+    prior = np.array([options.prior_std.get(name, np.inf) for name in model.joint_names])
+    std = np.where(doubt.undetermined, prior, np.sqrt(variances))
+    return dict(zip(model.joint_names, std.tolist(), strict=True))
 
 
 def _others(comparison: ScanComparison, final: Candidates, finished: Candidates, made: Candidates) -> Candidates:

@@ -45,6 +45,7 @@ class LeastSquaresOptions(CheckedOptions):
     bounds: bool = True
     """Whether the joint limits bound the problem; off: steps are clamped afterwards."""
     iterations: Natural = 30
+    """Steps, at most."""
     least_sigma: Positive = 0.005
     sigmas: NotNegative = 2.0
     """Robust scale in standard deviations of the scan's noise; at least `least_sigma` and the residuals' own."""
@@ -61,6 +62,7 @@ class LeastSquaresOptions(CheckedOptions):
     most_silhouette: NotNegative = 6.0
     """Greatest weight of the outline against the surface; below it, they weigh by their variances."""
     damping: NotNegative = 1e-6
+    """Added to the diagonal of the normal matrix, beside a small share of its own."""
     most_turn: Positive = 0.1
     """Largest step of a rotation, rad."""
     tolerance: NotNegative = 5e-5

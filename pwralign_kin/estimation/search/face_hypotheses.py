@@ -24,6 +24,7 @@ class FaceOptions(CheckedOptions):
     """Which faces are laid onto each other. Lengths in model diagonals."""
 
     least_area: NotNegative = 0.01
+    """Area of a patch of the scan below which it is laid onto no face."""
     tolerance: Positive = 0.01
     """Distance of a scan point from the plane of its patch, without noise; three times the noise is added."""
     links: Positive = 2.5

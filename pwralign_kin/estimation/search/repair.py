@@ -39,11 +39,13 @@ class RepairOptions(CheckedOptions):
     """How hard wrong answers are repaired."""
 
     rounds: Natural = 10
+    """How often all solutions are repaired, at most; the effort may allow fewer."""
     solutions: Count = 4
     """Distinct solutions that are repaired side by side, ..."""
     early_rounds: Natural = 2
-    """... for so many rounds; after that only the best ..."""
+    """... for so many rounds, and after that only ..."""
     late_solutions: Count = 2
+    """... so many."""
     gain: NotNegative = 0.006
     """A round without this gain of score is the last."""
     margin: NotNegative = 0.12

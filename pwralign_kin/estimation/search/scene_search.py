@@ -50,11 +50,13 @@ class SceneSearchOptions(CheckedOptions):
     anchors: Count = 600
     """Scan points that hypotheses of each part start from, shared among the regions by the root of their area."""
     least_anchors: Count = 60
+    """Those that every region gets at least."""
     more: Positive = 1.0
     """How many times as many hypotheses of each part are kept as the search says."""
     roots: Count = 400
     """Part hypotheses that are grown, shared alike."""
     least_roots: Count = 8
+    """Those that every region gets at least."""
     grown: Count = 4
     """Configurations that are kept of each: only two-way scores tell where parts are that are hardly seen."""
     same_root: NotNegative = 0.015
@@ -62,6 +64,7 @@ class SceneSearchOptions(CheckedOptions):
     refined: Count = 120
     """Configurations that are refined, shared alike."""
     least_refined: Count = 4
+    """Those that every region gets at least."""
     iterations: Natural = 8
     """Iterations of the refinement before the regions are compared."""
     kept: Count = 16

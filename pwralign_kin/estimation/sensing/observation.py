@@ -47,16 +47,21 @@ class ObservationOptions(CheckedOptions):
     remove_planes: bool = True
     """Whether a plane wider than the model (a table, a floor) is removed; scans with a sensor origin keep theirs."""
     plane_tolerance: Positive = 0.015
+    """How far from such a plane its points lie, at most."""
     plane_share: Share = 0.15
     """Least share of the scan that such a plane holds."""
     plane_spread: NotNegative = 0.3
     """Least standard deviation of its points along both of its directions: no face of the model is that wide."""
     field_cell: Cell = 0.0125
+    """Cell of the field of distances to what was seen, and of what is free and hidden, ..."""
     field_truncation: Cell = 0.06
+    """... which tells distances up to this."""
     shadow: NotNegative = 0.45
     """How far behind a seen surface space counts as occluded."""
     depth_pixel: Cell = 0.011
+    """Pixel of the depth image that tells free from hidden space, at the mean range of the points, ..."""
     depth_tolerance: Positive = 0.02
+    """... in which what is farther than this behind the nearest point is hidden."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,11 @@ class SceneOptions(CheckedOptions):
     normal_radius: Cell = 0.045
     """Neighbourhood of the normals that planes are found by."""
     planes: Natural = 12
+    """Planes that are looked for, at most, ..."""
     plane_trials: Count = 200
+    """... each by so many points with their normals, ..."""
     plane_sample: Count = 3000
+    """... among so many, drawn by the surface that they stand for."""
     plane_tolerance: Positive = 0.012
     plane_noises: NotNegative = 2.5
     plane_most: NotNegative = 0.06
@@ -41,6 +44,8 @@ class SceneOptions(CheckedOptions):
     patch_least: NotNegative = 0.05
     """... or than one that spreads this far."""
     range_bin: Cell = 0.25
+    """Points are as dense and as noisy as is usual at their range from the sensor, within this; without a sensor, in
+    cells twice as wide."""
     spacing: Positive = 0.026
     """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough; ..."""
     spacing_more: Positive = 1.5
@@ -63,6 +68,7 @@ class SceneOptions(CheckedOptions):
     other_weight: Share = 0.5
     """... and one of what else is not searched."""
     most_noise: NotNegative = 0.012
+    """Noise beyond this is taken for other things about what is searched."""
     unreturned: Share = 0.5
     """How far space counts as seen to be free where no ray of a sensor came back: dark, shiny and slanted surface sends
     none back, and out of the image there are none."""
