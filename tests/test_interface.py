@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 import dataclasses
 import importlib.metadata
+import inspect
 import json
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 
 import pwralign_kin as pk
+from pwralign_kin import exceptions
 from pwralign_kin.exceptions import DependencyError
 from pwralign_kin.export import export
 from pwralign_kin.simulation import SimulatedScan
@@ -102,6 +105,23 @@ def test_names_and_version() -> None:
     assert pk.__version__ == importlib.metadata.version("pwralign-kin")
     assert dir(pk) == sorted(pk.__all__)
     assert all(getattr(pk, name) is not None for name in pk.__all__)
+
+
+def test_the_documentation_names_all_that_is_public() -> None:
+    text = (REPOSITORY / "docs/python.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"\w+", " ".join(re.findall(r"`[^`]+`", text))))
+    errors = {name for name, kind in vars(exceptions).items() if isinstance(kind, type) and "Error" in name}
+    assert len(errors) > 10
+    assert not {*pk.__all__, *errors} - {"__version__"} - words
+
+
+@pytest.mark.parametrize("function", [pk.estimate, pk.calibrate, pk.simulate, export])
+def test_the_documentation_tells_the_arguments(function: Callable[..., object]) -> None:
+    text = (REPOSITORY / "docs/python.md").read_text(encoding="utf-8")
+    called = re.search(rf"`(?:[\w.]+\.)?{function.__name__}\(([^`]*)\)`", text)
+    assert called is not None
+    told = [argument.partition("=")[0] for argument in called[1].replace("()", "").split(", ")]
+    assert told == list(inspect.signature(function).parameters)
 
 
 def test_python_started_in_the_source_folder_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
