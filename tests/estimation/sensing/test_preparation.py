@@ -7,7 +7,6 @@ import pytest
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.sensing.observation import Observation, ObservationOptions
-from pwralign_kin.estimation.sensing.points import at_most, median
 from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.exceptions import ScanError
 from pwralign_kin.simulation import SimulatedScan
@@ -35,12 +34,6 @@ def scan_lines(noise: float) -> tuple[np.ndarray, np.ndarray]:
 
 def prepared(points: np.ndarray, sensor_origin: np.ndarray | None = None, **options: object) -> Observation:
     return observe(pk.Scan(points, sensor_origin=sensor_origin), 1.0, ObservationOptions(**options), 2)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("count", [1, 2, 7, 4000])
-def test_the_median_is_that_of_numpy(count: int) -> None:
-    values = np.random.default_rng(count).random(count).astype(np.float32)
-    assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
 
 
 @pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
@@ -159,12 +152,3 @@ def test_a_point_without_depth_at_the_origin_of_a_far_map_changes_nothing(
     estimate = pk.estimate(arm, pk.Scan(np.concatenate([far, np.zeros((1, 3))])))
     assert (estimate.state.T_scan_base == right.state.T_scan_base).all()
     assert estimate.scan_labels[-1] == -1
-
-
-def test_a_sample_of_points_keeps_their_order() -> None:
-    """What is next to each other is looked up together: in any order, that takes twice as long."""
-    points = np.repeat(np.arange(1000, dtype=np.float32)[:, None], 3, axis=1)
-    sample = at_most(points, 300)
-    assert len(sample) == 300
-    assert (np.diff(sample[:, 0]) > 0).all()
-    assert at_most(points, 1000) is points
