@@ -53,7 +53,7 @@ class SensorOptions:
 
     @property
     def sensor(self) -> Sensor:
-        """The sensor; raises `ScanError` for values that none has."""
+        """The sensor; raises `OptionError` for values that none has."""
         from pwralign_kin.simulation import TIERS
 
         return dataclasses.replace(TIERS[self.tier or "full"], **self.changes, **_given(noise=self.noise))
@@ -96,7 +96,7 @@ class RoomOptions:
             raise UsageError("what stands around the model needs --scene.")
 
     def room(self, noise: float | None) -> Room | None:
-        """Return the room, seen with `noise`; None without --scene. Raises `ScanError` for values that none has."""
+        """Return the room, seen with `noise`; None without --scene. Raises `OptionError` for values that none has."""
         from pwralign_kin.simulation import Room
 
         return Room(**self.changes, **_given(noise=noise)) if self.scene else None
