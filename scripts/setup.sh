@@ -70,17 +70,17 @@ install_package() {
   python="$(find_python)"
   [ -n "$python" ] || fail "no Python 3.11 or newer; name one with PYTHON=..."
   if [ ! -x "$venv/bin/pip" ]; then
-    echo "creating .venv with $python"
+    echo "creating ${venv##*/} with $python"
     "$python" -m venv --clear "$venv"
   fi
   if [ "$(cat "$venv/.installed$extra" 2>/dev/null)" = "$(fingerprint)" ]; then
-    echo "already installed in .venv"
+    echo "already installed in ${venv##*/}"
     return
   fi
   echo "downloading the libraries and compiling the kernels; the first time takes a few minutes"
   "$venv/bin/pip" install --quiet --progress-bar off -e ".${extra:+[$extra]}"
   fingerprint | tee "$venv/.installed" > "$venv/.installed$extra"
-  echo "installed in .venv"
+  echo "installed in ${venv##*/}"
 }
 
 set_up() {

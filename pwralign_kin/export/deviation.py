@@ -22,7 +22,8 @@ COLOUR_RANGE = 0.01
 INSIDE, ON, OUTSIDE = np.array([[33, 102, 220], [222, 222, 218], [205, 32, 31]], dtype=np.float64)
 """Colours of points behind, on and in front of the surface."""
 NOT_OF_THE_MODEL = np.array([90, 90, 90], dtype=np.float64)
-_LEVELS = 255  # of colour, on either side
+_LEVELS = 255
+"""Of colour, on either side."""
 
 
 def write_deviation_ply(path: Path, points: Array, distances: Array, labels: Indices, mesh: PosedMesh) -> None:

@@ -49,7 +49,11 @@ class ArticulatedModel(ReadOnly):
     """A URDF as rigid parts in a tree of joints, with kinematics. Made by `from_urdf`; never changes."""
 
     name: str
+    """As the URDF names the robot."""
+
     urdf_path: Path
+    """The file that it was read from."""
+
     root_link: str
     """The link whose frame is the root frame; a state places it unless it names another link."""
 

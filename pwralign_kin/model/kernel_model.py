@@ -12,7 +12,8 @@ from pwralign_kin.model.part_graph import Part
 from pwralign_kin.model.surface import Surface, part_weights, triple
 from pwralign_kin.se3 import Array
 
-REACH_CONFIGURATIONS = 60  # random ones, that tell how far the model reaches
+REACH_CONFIGURATIONS = 60
+"""Random ones, that tell how far the model reaches."""
 
 
 def kernel_tree(

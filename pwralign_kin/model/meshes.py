@@ -31,7 +31,8 @@ MESH_FORMATS = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
 GREY = (0.7, 0.7, 0.7, 1.0)
 """Colour of geometry that names none."""
 
-_READER = "geometry-3"  # part of the cache key: changes whenever the reading of meshes does
+_READER = "geometry-3"
+"""Part of the cache key: changes whenever the reading of meshes does."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,6 +69,8 @@ class Part:
     """The link at the top of the weld; its frame is the part's frame."""
 
     links: tuple[str, ...]
+    """Its links, the one at the top first."""
+
     parent: int
     """Index of the parent part, -1 for the root."""
 
@@ -82,6 +84,8 @@ class Part:
     """(f, 3) vertex indices."""
 
     visuals: tuple[Visual, ...]
+    """The same geometry in its coloured pieces, each in its link's frame."""
+
     size: float
     """Diagonal of the bounding box of `vertices`, m; 0 without geometry."""
 
@@ -105,8 +109,13 @@ class Weld:
     """(4, 4) placement of each link in the frame of the first."""
 
     parent: int
+    """Index of the parent weld, -1 for the root."""
+
     joint: Joint | None
+    """The joint towards the parent; None for the root."""
+
     T_parent_joint: Array
+    """(4, 4) placement of the joint's frame in the parent's frame."""
 
 
 def weld_links(description: Description) -> tuple[Weld, ...]:

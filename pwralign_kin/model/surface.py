@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from pwralign_kin.arrays import Singles
 from pwralign_kin.se3 import Array
 
-LEAST_WEIGHT = 0.02  # small parts count at least this share, ...
-SMALL_PARTS_WEIGHT = 0.5  # ... but if all were small, together no more than this: a hand of many parts is still a hand
+LEAST_WEIGHT = 0.02
+"""Small parts count at least this share, ..."""
+SMALL_PARTS_WEIGHT = 0.5
+"""... but if all were small, together no more than this: a hand of many parts is still a hand."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
-from pwralign_kin.arrays import Singles
+from pwralign_kin.arrays import Indices, Singles
 from pwralign_kin.dependencies import open3d
 from pwralign_kin.directions import fibonacci_directions
 from pwralign_kin.model.cache import load_or_build
@@ -26,19 +26,33 @@ from pwralign_kin.se3 import Array
 Mesh = tuple[NDArray[Any], NDArray[Any]]
 """Vertices (v, 3) in model diagonals, and faces (f, 3), of one part."""
 
-VERSION = 11  # part of the cache key: raise it when the preparation changes
-COARSE_SAMPLES = 160  # of a part, the first of its samples: spread over all of it
-PROBE_SPACING, LEAST_PROBES = 0.012, 400  # small parts are probed and sampled more closely
+VERSION = 11
+"""Part of the cache key: raise it when the preparation changes."""
+COARSE_SAMPLES = 160
+"""Of a part, the first of its samples: spread over all of it."""
+PROBE_SPACING, LEAST_PROBES = 0.012, 400
+"""Spacing of the points (model diagonals) that are looked at from outside; small parts are probed more closely, ..."""
 DENSE_SPACING, LEAST_DENSE_SAMPLES = 0.004, 800
-MOST_DENSE_SAMPLES = 30000  # of a part: what the closest of points of a scan is told from
-NORMAL_RADIUS = 0.025  # about that of the neighbourhoods that normals of scans are of
-GRID_CELLS, FINEST_CELL = 600_000, 0.004  # cells must tell the two faces of a thin panel apart
-GRID_BAND = 0.07  # how far around a part the grid tells its closest sample
-CONFIGURATIONS = 12  # random ones, in which each sample is looked at ...
-DIRECTIONS = 14  # ... from so many sides
-SEEN_SHARE = 0.15  # of the configurations in which a sample must be seen to count as outer surface
-LEAST_SAMPLES = 12  # parts with fewer visible samples have no surface
-FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01  # thickness and area of what counts as a flat face
+"""... and sampled more closely, ..."""
+MOST_DENSE_SAMPLES = 30000
+"""... by at most so many: what the closest of points of a scan is told from."""
+NORMAL_RADIUS = 0.025
+"""About that of the neighbourhoods (model diagonals) that normals of scans are of."""
+GRID_CELLS, FINEST_CELL = 600_000, 0.004
+"""Cells of a part's grid, about, and their least size (model diagonals): they must tell the two faces of a thin panel
+apart."""
+GRID_BAND = 0.07
+"""How far around a part (model diagonals) the grid tells its closest sample."""
+CONFIGURATIONS, DIRECTIONS = 12, 14
+"""Random configurations in which each sample is looked at, from so many sides."""
+SEEN_SHARE = 0.15
+"""Share of the configurations in which a sample must be seen to count as outer surface."""
+LEAST_SAMPLES = 12
+"""Parts with fewer visible samples have no surface."""
+FACE_TOLERANCE, LEAST_FACE = 0.004, 0.01
+"""Thickness (model diagonals) and area of what counts as a flat face."""
+SAME_SIDE = 0.3
+"""Cosine between the normals of two points near each other, from which they are on one side of a wall."""
 
 ARRAYS = tuple(Surface.__dataclass_fields__)
 
@@ -149,36 +163,26 @@ def _surface(
     facing: Singles,
 ) -> Surface:
     """Build one part's surface from its points (`_evenly_spaced`) and the visibility of its probes."""
+    from scipy.spatial import cKDTree
+
     dense, dense_normals, spacing, area = candidates
     visible = seen > SEEN_SHARE
     if visible.sum() < LEAST_SAMPLES:
         return _no_surface()
-    from scipy.spatial import cKDTree
-
-    # A dense sample is as visible as the nearest probe on its own side of the wall.
-    near = cKDTree(probes).query(dense, k=min(6, len(probes)))[1]
-    same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > 0.3
-    probe = near[np.arange(len(dense)), np.argmax(same_side, axis=1)]
-    dense_normals = dense_normals * np.where(facing[probe] < 0, -1, 1)[:, None]
-    dense_normals = np.ascontiguousarray(dense_normals, np.float32)
+    probe = _probes_of(dense, dense_normals, probes, probe_normals)
+    dense_normals = _outward(dense_normals, facing[probe])
     shown, apparent = visible[probe], dense_normals.copy()
     apparent[shown] = kernels.apparent_normals(dense[shown], dense_normals[shown], NORMAL_RADIUS, 1)
-    oriented = (probe_normals * np.where(facing < 0, -1, 1)[:, None])[visible]
-    outer, frequency = probes[visible], seen[visible]
-    coarse = kernels.farthest_points(np.ascontiguousarray(outer), COARSE_SAMPLES)
+    outer, frequency = np.ascontiguousarray(probes[visible]), seen[visible]
+    coarse = kernels.farthest_points(outer, COARSE_SAMPLES)
     owner = cKDTree(outer[coarse]).query(outer)[1]
     weights = np.bincount(owner, weights=frequency, minlength=len(coarse))
-
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    origin, extent = low - GRID_BAND, high - low + 2 * GRID_BAND
-    cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
-    nx, ny, nz = (int(np.ceil(e / cell)) + 1 for e in extent)
-    dims = nx, ny, nz
-    grid = kernels.closest_sample_grid(dense, triple(origin), cell, dims, GRID_BAND)
-    visible_area = area * frequency.sum() / len(probes)
-    flat = _flat(np.ascontiguousarray(outer), np.ascontiguousarray(oriented, np.float32), area / len(probes))
+    grid, origin, cell = _closest_samples(dense, low, high)
+    flat = _flat(outer, _outward(probe_normals, facing)[visible], area / len(probes))
     centre = (low + high) / 2
     radius = np.linalg.norm(vertices - centre, axis=1).max()
+    visible_area = area * frequency.sum() / len(probes)
     return Surface(
         samples=np.ascontiguousarray(outer[coarse], np.float32),
         normals=apparent[cKDTree(dense).query(outer[coarse])[1]],
@@ -186,13 +190,37 @@ def _surface(
         dense=dense,
         dense_normals=dense_normals,
         apparent_normals=apparent,
-        grid=grid.reshape(dims),
+        grid=grid,
         origin=np.asarray(origin, np.float32),
         centre=np.asarray(centre, np.float32),
         faces=flat.frames,
         face_sizes=flat.sizes,
         scalars=np.array([cell, spacing, radius, np.linalg.norm(high - low), visible_area], np.float32),
     )
+
+
+def _probes_of(dense: Singles, dense_normals: Singles, probes: Singles, probe_normals: Singles) -> Indices:
+    """Return the probe that each dense sample is as visible as: the nearest on its own side of the wall."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(probes).query(dense, k=min(6, len(probes)))[1]
+    same_side = np.einsum("mkd,md->mk", probe_normals[near], dense_normals) > SAME_SIDE
+    return np.asarray(near[np.arange(len(dense)), np.argmax(same_side, axis=1)], np.int64)
+
+
+def _outward(normals: Singles, facing: Singles) -> Singles:
+    """Return normals turned to the side from which they are seen."""
+    return np.ascontiguousarray(normals * np.where(facing < 0, -1, 1)[:, None], np.float32)
+
+
+def _closest_samples(dense: Singles, low: Array, high: Array) -> tuple[NDArray[np.uint16], Array, float]:
+    """Return the grid (x, y, z) of the closest dense sample about a part between two corners, the grid's own lower
+    corner, and the size of its cells."""
+    origin, extent = low - GRID_BAND, high - low + 2 * GRID_BAND
+    cell = max(FINEST_CELL, float(np.cbrt(extent.prod() / GRID_CELLS)))
+    nx, ny, nz = (int(np.ceil(e / cell)) + 1 for e in extent)
+    dims = nx, ny, nz
+    return kernels.closest_sample_grid(dense, triple(origin), cell, dims, GRID_BAND).reshape(dims), origin, cell
 
 
 def _flat(points: Singles, normals: Singles, area_per_point: float) -> FlatFaces:

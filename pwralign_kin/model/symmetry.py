@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from pwralign_kin.model.surface import Surface
 from pwralign_kin.se3 import Array, inverse, rotation_about
 
-VERSION = 3  # part of the cache key: raise it when the comparison changes
+VERSION = 3
+"""Part of the cache key: raise it when the comparison changes."""
 SAME = 0.003
 """Mean distance (model diagonals) of two surfaces that look the same, ..."""
 SAME_SHARE = 0.03

@@ -116,11 +116,11 @@ def draw_state(model: ArticulatedModel, scene: Scene, seed: int, collides: Calla
     for _ in range(_MAX_DRAWS):
         joints = {name: round(float(rng.uniform(low, high)), 6) for name, (low, high) in scene.joints.items()}
         if not collides(joints) and not (scene.upright and _lowest(model, joints) < _GROUND):
-            return State(_base(model, scene, rng), joints, model.root_link)
+            return State(_base(scene, rng), joints, model.root_link)
     raise RuntimeError(f"{model.name}: no pose without a collision in {_MAX_DRAWS} draws")
 
 
-def _base(model: ArticulatedModel, scene: Scene, rng: np.random.Generator) -> np.ndarray:
+def _base(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     T = np.eye(4)
     if scene.upright:
         T[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
