@@ -15,7 +15,21 @@ from pwralign_kin.cli import messages
 from pwralign_kin.cli.codes import BAD_INPUT, OK
 from pwralign_kin.exceptions import ExportError
 
-MODULES = ("numpy", "scipy", "pinocchio", "casadi", "open3d", "trimesh", "yourdfpy", "collada", "lxml", "PIL")
+MODULES = (
+    "numpy",
+    "scipy",
+    "pinocchio",
+    "casadi",
+    "open3d",
+    "trimesh",
+    "yourdfpy",
+    "collada",
+    "lxml",
+    "PIL",
+    "platformdirs",
+    "rich",
+    "yaml",
+)
 """Libraries without which something does not work."""
 
 

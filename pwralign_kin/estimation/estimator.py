@@ -129,6 +129,11 @@ class Estimator:
             judged, equal = self._settled(searched)
         return reported(searched, judged, equal, self.options)
 
+    def concluded(self, searched: SearchedScan, solution: Solution) -> Estimate:
+        """Return the estimate that a solution of the joint least squares makes."""
+        equal = equal_answers(self.model, searched.solver.comparison, solution.configuration)
+        return reported(searched, self._judged(searched, solution), equal, self.options)
+
     def _settled(self, searched: SearchedScan) -> tuple[Judged, Candidates]:
         """Return the best answer solved and judged, and those that look alike."""
         with searched.watch.stage("least squares"):
@@ -148,11 +153,6 @@ class Estimator:
             scan.source, 100.0 * hidden,
         )  # fmt: skip
         return scan.without_sensor_origin()
-
-    def concluded(self, searched: SearchedScan, solution: Solution) -> Estimate:
-        """Return the estimate that a solution of the joint least squares makes."""
-        equal = equal_answers(self.model, searched.solver.comparison, solution.configuration)
-        return reported(searched, self._judged(searched, solution), equal, self.options)
 
     def _judged(self, searched: SearchedScan, solution: Solution) -> Judged:
         """Say what the scan does not tell of a solution, and what speaks for and against it."""

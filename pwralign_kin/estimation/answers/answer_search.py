@@ -21,7 +21,7 @@ from pwralign_kin.estimation.options import EstimatorOptions
 from pwralign_kin.estimation.search.face_hypotheses import face_hypotheses
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
 from pwralign_kin.estimation.search.reinterpretation import refined_both_ways, reinterpreted
-from pwralign_kin.estimation.search.repair import repair
+from pwralign_kin.estimation.search.repair import RepairOptions, repair
 from pwralign_kin.estimation.search.scene_search import unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.stopwatch import Stopwatch
@@ -98,6 +98,11 @@ EFFORTS = {
 """What the names of `EstimatorOptions.effort` stand for."""
 
 
+def repairing_within(options: EstimatorOptions) -> RepairOptions:
+    """Return how answers are repaired: as the options say, for as many rounds as the effort allows."""
+    return replace(options.repair, rounds=min(options.repair.rounds, EFFORTS[options.effort].repairs))
+
+
 class AnswerSearch:
     """The search for the answers to one scan of the model."""
 
@@ -115,7 +120,7 @@ class AnswerSearch:
         self.comparison = search.comparison
         self.options = options
         self.effort = EFFORTS[options.effort]
-        self.repairing = replace(options.repair, rounds=min(options.repair.rounds, self.effort.repairs))
+        self.repairing = repairing_within(options)
         self.correspondences = correspondences
         self.watch = watch
         near = options.near

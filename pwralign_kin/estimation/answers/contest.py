@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pwralign_kin.estimation.answers.answer_search import EFFORTS, LACKING
+from pwralign_kin.estimation.answers.answer_search import LACKING, repairing_within
 from pwralign_kin.estimation.answers.mending import mended
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
@@ -72,8 +72,7 @@ def _mended_by_turns(
     """Return the final configuration mended, and repaired and mended again as long as parts lie off their points and
     that gains; None where nothing does."""
     found = mended(model, comparison, final, options.repair.votes)
-    rounds = min(options.repair.rounds, EFFORTS[options.effort].repairs)
-    repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
+    repairing = replace(repairing_within(options), early_rounds=0, late_solutions=1)
     for _ in range(TURNS):
         if found is None or len(off_points(comparison, found)[0]) == 0:
             break
@@ -141,8 +140,8 @@ def _with_limbs_elsewhere(
     if votes is not None:
         promising = search.sifted(votes, VOTED, VOTED)
         known = Candidates.concatenate([known, settled.take([0]), close.refined(promising, iterations=10)])
-    rounds = min(ROUNDS, options.repair.rounds, EFFORTS[options.effort].repairs)
-    repairing = replace(options.repair, rounds=rounds)
+    repairing = repairing_within(options)
+    repairing = replace(repairing, rounds=min(ROUNDS, repairing.rounds))
     repaired = repair(TreeSearch(focused).widened(), focused.scored(known)[0], repairing, turn=False)
     several = Candidates.concatenate([settled, refined_both_ways(focused, repaired)])
     scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
@@ -178,9 +177,9 @@ def _otherwise(
 ) -> Candidates:
     """Return what repair makes of an answer (one) to a scene, `focused` on what is near it, and what mending makes of
     it `close` up; what repair with wide beams does too, where whole limbs may be lacking."""
-    scored, rounds = focused.scored(answer)[0], min(options.repair.rounds, EFFORTS[options.effort].repairs)
+    scored = focused.scored(answer)[0]
     # Nothing but the answer: what else comes up has most of the surface elsewhere.
-    repairing = replace(options.repair, rounds=rounds, early_rounds=0, late_solutions=1)
+    repairing = replace(repairing_within(options), early_rounds=0, late_solutions=1)
     search = TreeSearch(focused)
     found = [repair(search, scored, repairing, turn=False)]
     if focused.weights[focused.lacks(answer)].sum() > LACKING:

@@ -74,7 +74,11 @@ class OutlineResiduals:
 
 
 class Silhouette:
-    """The image of a scan's points as its sensor saw them."""
+    """The image of a scan's points as its sensor saw them.
+
+    It never changes, but for the samples that it remembers to be on the model's outline: they are the same for all
+    configurations near the last one that was chosen for (`RIM_HELD`).
+    """
 
     def __init__(self, observation: Observation, points: Singles, on_model: Bools) -> None:
         """Take all points (n, 3) of the scan in search units, and which of them are the model's."""
