@@ -173,13 +173,8 @@ def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[
     ruler, rigid = Ruler(model), _Rigid(model)
     tracker: Tracker | None = None
     every = MEASURED_EVERY if rate > SLOW else 1
-    lost, wrong, points, turns, slides, shifts = 0, 0, [], [], [], []
-    sure_turns: list[float] = []
-    open_joints: list[bool] = []
-    seconds: list[float] = []
-    alone: list[float] = []
-    prepared: list[float] = []
-    count = 0
+    lost, count = 0, 0
+    measured: list[_MeasuredFrame] = []
     for count, frame in enumerate(frames, start=1):
         seen = _seen(frame)
         if tracker is None:
@@ -187,38 +182,72 @@ def followed(robot: str, model: ArticulatedModel, sensor: str, frames: Iterable[
         tracked = tracker.update(seen, frame.time)
         lost += tracked.lost
         if count % every == 0:
-            seconds.append(tracked.seconds)
-            points.append(tracked.points)
-            for times, own in zip((alone, prepared), rigid.align(before, _cloud(frame)), strict=True):
-                times.append(own)
-            reference = ruler.reference(frame.state, np.repeat(np.arange(len(model.parts)), frame.pixels))
-            turned, slid = _joint_errors(model, reference.told, reference.truth, tracked.state)
-            turns += turned
-            slides += slid
-            sure = [name for name in reference.told if name not in tracked.undetermined]
-            sure_turns += _joint_errors(model, sure, reference.truth, tracked.state)[0]
-            open_joints += [name in tracked.undetermined for name in reference.told]
-            wrong += not tracked.lost and _wrong(ruler, reference, tracked)
-            shift = tracked.state.T_scan_base[:3, 3] - frame.state.T_scan_base[:3, 3]
-            shifts.append(100.0 * float(np.linalg.norm(shift)) / model.diagonal)
+            measured.append(_measured_frame(model, ruler, frame, tracked, rigid.align(before, _cloud(frame))))
         before = tracked.state
+    turns = [turn for own in measured for turn in own.turns]
+    undetermined = [is_so for own in measured for is_so in own.undetermined]
     return Track(
         robot=robot,
         sensor=sensor,
         rate=rate,
         frames=count,
         lost=lost,
-        wrong=wrong,
-        undetermined=float(np.mean(open_joints)) if open_joints else float("nan"),
+        wrong=sum(own.wrong for own in measured),
+        undetermined=float(np.mean(undetermined)) if undetermined else float("nan"),
         joint_rmse=_rms(turns),
-        sure_rmse=_rms(sure_turns),
+        sure_rmse=_rms([turn for own in measured for turn in own.sure_turns]),
         worst_joint=max(turns, default=float("nan")),
-        slide_rmse=_rms(slides),
-        base_rmse=_rms(shifts),
-        points=int(np.median(points)),
-        seconds=tuple(seconds),
-        rigid_seconds=tuple(alone),
-        rigid_prepared_seconds=tuple(prepared),
+        slide_rmse=_rms([slide for own in measured for slide in own.slides]),
+        base_rmse=_rms([own.shift for own in measured]),
+        points=int(np.median([own.points for own in measured])),
+        seconds=tuple(own.seconds for own in measured),
+        rigid_seconds=tuple(own.rigid_seconds[0] for own in measured),
+        rigid_prepared_seconds=tuple(own.rigid_seconds[1] for own in measured),
+    )
+
+
+@dataclass(frozen=True)
+class _MeasuredFrame:
+    """One frame of a track beside its truth. Joints are those that the frame tells."""
+
+    seconds: float
+    """That the tracker took, ..."""
+    rigid_seconds: tuple[float, float]
+    """... and rigid alignment: see `_Rigid.align`."""
+    points: int
+    """That the tracker used."""
+    turns: list[float]
+    """Errors of joints that turn, degrees, ..."""
+    sure_turns: list[float]
+    """... and of those that the tracker does not call undetermined."""
+    slides: list[float]
+    """Errors of joints that slide, % of the diagonal."""
+    undetermined: list[bool]
+    """Of each joint whether the tracker calls it that."""
+    wrong: bool
+    """Whether the model is not where the tracker has it."""
+    shift: float
+    """Of the base, % of the diagonal."""
+
+
+def _measured_frame(
+    model: ArticulatedModel, ruler: Ruler, frame: SimulatedFrame, tracked: TrackedFrame, rigid: tuple[float, float]
+) -> _MeasuredFrame:
+    """Return a tracked frame beside its truth, and the times of `rigid` alignment (s)."""
+    reference = ruler.reference(frame.state, np.repeat(np.arange(len(model.parts)), frame.pixels))
+    turns, slides = _joint_errors(model, reference.told, reference.truth, tracked.state)
+    sure = [name for name in reference.told if name not in tracked.undetermined]
+    shift = tracked.state.T_scan_base[:3, 3] - frame.state.T_scan_base[:3, 3]
+    return _MeasuredFrame(
+        seconds=tracked.seconds,
+        rigid_seconds=rigid,
+        points=tracked.points,
+        turns=turns,
+        sure_turns=_joint_errors(model, sure, reference.truth, tracked.state)[0],
+        slides=slides,
+        undetermined=[name in tracked.undetermined for name in reference.told],
+        wrong=not tracked.lost and _wrong(ruler, reference, tracked),
+        shift=100.0 * float(np.linalg.norm(shift)) / model.diagonal,
     )
 
 
