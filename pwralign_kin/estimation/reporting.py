@@ -110,8 +110,8 @@ def _others(comparison: ScanComparison, final: Candidates, finished: Candidates,
         made = Candidates.concatenate([made, refined])
         # Equal surfaces have equal support, but for how their parts are sampled: what they explain compares them.
         covered = total_coverage(comparison, Candidates.concatenate([final, made]))
-        made = Candidates(made.bases, made.values, finished.scores[0] - (covered[0] - covered[1:]))
-    answer = Candidates(final.bases, final.values, np.full(1, np.inf, np.float32))
+        made = made.with_scores(finished.scores[0] - (covered[0] - covered[1:]))
+    answer = final.with_scores(np.full(1, np.inf, np.float32))
     several = Candidates.concatenate([answer, finished.take(slice(1, None)), made])
     return comparison.distinct(several, len(several), comparison.options.distinct).take(slice(1, None))
 

@@ -144,7 +144,7 @@ def _with_limbs_elsewhere(
     repairing = replace(repairing, rounds=min(ROUNDS, repairing.rounds))
     repaired = repair(TreeSearch(focused).widened(), focused.scored(known)[0], repairing, turn=False)
     several = Candidates.concatenate([settled, refined_both_ways(focused, repaired)])
-    scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+    scores = priced(focused, several.with_scores(ranks(focused, several))).scores
     best = int(np.argmax(scores))
     return several.take([best]) if scores[best] >= scores[: len(settled)].max() + CLEARLY else None
 
@@ -163,7 +163,7 @@ def _better_held(
     settled = ranked(focused, refined_both_ways(focused, answer))
     tried = refined_both_ways(focused, _otherwise(model, focused, close, answer, options))
     several = Candidates.concatenate([settled, _held(focused, tried, final)])
-    scores = priced(focused, Candidates(several.bases, several.values, ranks(focused, several))).scores
+    scores = priced(focused, several.with_scores(ranks(focused, several))).scores
     best = int(np.argmax(scores))
     return several.take([best]) if scores[best] >= scores[: len(settled)].max() + GAIN else None
 
@@ -205,7 +205,7 @@ def _better(comparison: ScanComparison, final: Candidates, rivals: Candidates) -
     best = int(np.argmax(scores))
     if scores[best] < scores[: len(settled)].max() + GAIN:
         return None
-    return Candidates(both.bases, both.values, scores).take([best])
+    return both.with_scores(scores).take([best])
 
 
 def _across_limits(solver: JointLeastSquares, final: Candidates) -> Candidates:

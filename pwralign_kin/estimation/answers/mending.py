@@ -71,7 +71,7 @@ def mended(
         best = likely[np.argmax(scores[likely])]
         if scores[best] < scores[0] + GAIN:
             break
-        found = answer = Candidates(several.bases, several.values, scores).take([best])
+        found = answer = several.with_scores(scores).take([best])
     return found
 
 

@@ -131,7 +131,7 @@ class SceneAnswerSearch(AnswerSearch):
         """
         comparison, options = self.comparison, self.options.scene_search
         scored = priced(comparison, candidates)
-        rankings = scored, Candidates(scored.bases, scored.values, comparison.coverage(scored))
+        rankings = scored, scored.with_scores(comparison.coverage(scored))
         for rank in range(max(1, round(options.leaders * self.search.share_tried))):
             left = unlike(comparison, rankings[rank % 2], looked, options.apart)
             if len(left) == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,10 @@ class Candidates:
             np.ascontiguousarray(self.values[index]),
             self.scores[index],
         )
+
+    def with_scores(self, scores: NDArray[np.float32]) -> Candidates:
+        """Return the same configurations with other scores (m,)."""
+        return replace(self, scores=scores)
 
     def best_first(self) -> Candidates:
         """Return all, best score first; ties keep their order."""

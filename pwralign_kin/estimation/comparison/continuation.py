@@ -40,7 +40,7 @@ def priced(comparison: ScanComparison, candidates: Candidates) -> Candidates:
     scores = candidates.scores.copy()
     for rank in np.flatnonzero(scores > scores.max() - PRICE):
         scores[rank] -= _price(comparison, candidates.take([rank]))
-    return Candidates(candidates.bases, candidates.values, scores)
+    return candidates.with_scores(scores)
 
 
 def best_priced(comparison: ScanComparison, candidates: Candidates) -> Candidates:

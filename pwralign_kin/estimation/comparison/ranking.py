@@ -18,7 +18,7 @@ the model against that of the noise at its peak."""
 
 def ranked(comparison: ScanComparison, candidates: Candidates) -> Candidates:
     """Return refined candidates, the best known first, by coarse, tight and finest scores together, best first."""
-    return Candidates(candidates.bases, candidates.values, ranks(comparison, candidates)).best_first()
+    return candidates.with_scores(ranks(comparison, candidates)).best_first()
 
 
 def better_ranked(comparison: ScanComparison, before: Candidates, refined: Candidates) -> Candidates:
@@ -29,7 +29,7 @@ def better_ranked(comparison: ScanComparison, before: Candidates, refined: Candi
     count = len(before)
     both = Candidates.concatenate([before, refined])
     scores = ranks(comparison, both)
-    return Candidates(both.bases, both.values, scores).take(
+    return both.with_scores(scores).take(
         np.where(scores[count:] >= scores[:count], np.arange(count, 2 * count), np.arange(count))
     )
 

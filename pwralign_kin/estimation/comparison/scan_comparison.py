@@ -174,7 +174,7 @@ class ScanComparison:
         """Return the candidates with two-way scores, and the support (m, parts) of each part; by a sample of `points`
         about the model."""
         total, _, support = self._score(candidates, points)
-        return Candidates(candidates.bases, candidates.values, total), support
+        return candidates.with_scores(total), support
 
     def seen_shares(self, candidates: Candidates) -> Singles:
         """Return per part (m, parts) the share of its surface that should be seen and is."""

@@ -89,7 +89,7 @@ def _with_base_held(searched: SearchedScan, solution: Solution) -> Candidates:
     held = comparison.refined(Candidates(bases, found.values, found.scores))
     held.bases[:] = solution.base
     several = Candidates.concatenate([solution.configuration, held])
-    scored = priced(comparison, Candidates(several.bases, several.values, ranks(comparison, several)))
+    scored = priced(comparison, several.with_scores(ranks(comparison, several)))
     return Candidates.concatenate([scored.take([0]), scored.take(slice(1, None)).best_first()])
 
 
