@@ -127,6 +127,19 @@ def test_a_scan_in_millimetres(units: str, arm: Path, scan: Path, truth: State, 
     _assert_right(json.loads(outcome.out), truth)
 
 
+def test_a_left_handed_scan_is_turned_as_it_is_read(
+    arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
+) -> None:
+    """What else is told of it is of the turned scan."""
+    unity = tmp_path / "unity.xyz"
+    np.savetxt(unity, Scan.load(scan).points * [-1.0, 1.0, 1.0])
+    near = truth.T_scan_base[:3, 3]
+    told = ("--left-handed", "--sensor-origin", *(near + [0.0, 0.0, 5.0]), "--near", *near)
+    outcome = pwralign("estimate", arm, unity, "--json", *told)
+    assert outcome.code == 0, outcome.err
+    _assert_right(json.loads(outcome.out), truth)
+
+
 def test_crop_leaves_out_what_is_outside_the_box(
     arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
 ) -> None:
