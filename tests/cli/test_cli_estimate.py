@@ -133,9 +133,8 @@ def test_a_left_handed_scan_is_turned_as_it_is_read(
     """What else is told of it is of the turned scan."""
     unity = tmp_path / "unity.xyz"
     np.savetxt(unity, Scan.load(scan).points * [-1.0, 1.0, 1.0])
-    near = truth.T_scan_base[:3, 3]
-    told = ("--left-handed", "--sensor-origin", *(near + [0.0, 0.0, 5.0]), "--near", *near)
-    outcome = pwralign("estimate", arm, unity, "--json", *told)
+    base = truth.T_scan_base[:3, 3]
+    outcome = pwralign("estimate", arm, unity, "--json", "--left-handed", "--crop", *(base - 1.0), *(base + 1.0))
     assert outcome.code == 0, outcome.err
     _assert_right(json.loads(outcome.out), truth)
 
