@@ -13,7 +13,7 @@ from pwralign_kin.render import default_views, draw, posed_mesh, splat
 REPOSITORY = Path(__file__).parents[1]
 NAME, SCAN = "viking_lander", "full"
 SIZE = (620, 620)
-HEADER, MARGIN = 84, 28
+HEADER, MARGIN = 92, 28
 INK, PALE = (38, 40, 48), (120, 122, 130)
 
 
@@ -40,8 +40,8 @@ def main() -> None:
     for number, ((head, remark), panel) in enumerate(panels.items()):
         left = number * SIZE[0]
         canvas.paste(Image.fromarray(panel), (left, HEADER))
-        pen.text((left + MARGIN, 18), head, fill=INK, font=ImageFont.load_default(28))
-        pen.text((left + MARGIN, 54), remark, fill=PALE, font=ImageFont.load_default(18))
+        pen.text((left + MARGIN, 14), head, fill=INK, font=ImageFont.load_default(34))
+        pen.text((left + MARGIN, 60), remark, fill=PALE, font=ImageFont.load_default(23))
     canvas.save(REPOSITORY / "docs" / "overlay.png", optimize=True)
 
 

@@ -31,10 +31,15 @@ if TYPE_CHECKING:
 class OutputOptions:
     """Which files are written. Raises `UsageError` for a bundle of none."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None
+    out: Annotated[
+        Path | None, Parameter(help="Folder for report.html, overlay.png, aligned.urdf, model.glb and more.")
+    ] = None
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"] | None,
-        Parameter(help="Up axis of the scan, for GLB and picture; against --gravity by default, else z."),
+        Parameter(
+            help="Up axis of the scan, for GLB and pictures alone (--gravity tells the search); by default against "
+            "--gravity, else z."
+        ),
     ] = None
     bundle: Annotated[
         bool,
