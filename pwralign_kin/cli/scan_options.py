@@ -22,7 +22,7 @@ ScanPath = Annotated[
     Parameter(help="The scan: PLY, PCD, XYZ/PTS/TXT/CSV, NPY/NPZ, a mesh (OBJ, STL, GLB) or a 16-bit PNG depth image."),
 ]
 
-Units = Literal["m", "cm", "mm", "in", "auto"]
+Units = Literal["m", "cm", "mm", "in", "ft", "auto"]
 
 _STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 

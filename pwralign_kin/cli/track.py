@@ -39,7 +39,7 @@ class StreamOptions:
         Triple | None, Parameter(help="x y z: where scans were seen from; unit of the scans.", negative=())
     ] = None
     topic: Annotated[str | None, Parameter(help="Of a bag: the topic of the point clouds or depth images.")] = None
-    units: Annotated[Literal["m", "cm", "mm", "in"], Parameter(help="Unit of scan files.")] = "m"
+    units: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of scan files.")] = "m"
 
     def read(self, paths: Sequence[Path]) -> Iterator[tuple[float, Scan | DepthFrame | Array]]:
         """Yield time (s) and frame, in the unit of its file; raises what `read_frames` raises."""

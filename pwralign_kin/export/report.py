@@ -101,8 +101,11 @@ def _joints(model: ArticulatedModel, estimate: Estimate) -> Iterable[tuple[str, 
         share = np.clip((value - low) / (high - low), 0.0, 1.0) if high > low else 0.0
         cells = (shown(value, unit, 0, 2), std, shown(low, unit, 0, 0), shown(high, unit, 0, 0))
         value_text, std_text, low_text, high_text = (cell.strip().replace(" deg", "°") for cell in cells)
-        meter = f'<meter value="{share:.3f}"></meter>' if told else ""
-        yield escape(name), value_text, f"± {std_text}" if told else std_text, low_text, meter, high_text
+        if told:
+            meter = f'<meter value="{share:.3f}"></meter>'
+            yield escape(name), value_text, f"± {std_text}", low_text, meter, high_text
+        else:
+            yield escape(name), f'<span class="pale">({value_text})</span>', std_text, low_text, "", high_text
 
 
 def _parts(model: ArticulatedModel, figures: Sequence[Figures | None]) -> Iterable[tuple[str, ...]]:

@@ -21,10 +21,10 @@ from pwralign_kin.se3 import Array, as_floats, checked_placement, transform
 
 logger = logging.getLogger(__name__)
 
-Unit = Literal["m", "cm", "mm", "in"]
-Units = Literal["m", "cm", "mm", "in", "auto"]
+Unit = Literal["m", "cm", "mm", "in", "ft"]
+Units = Literal["m", "cm", "mm", "in", "ft", "auto"]
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """Length of each unit, m."""
 
 MIN_POINTS = 10

@@ -97,7 +97,7 @@ def test_a_model_without_size_raises() -> None:
 
 def test_an_unknown_unit_raises(tmp_path) -> None:  # type: ignore[no-untyped-def]
     np.save(tmp_path / "scan.npy", surface(1.0, 100))
-    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, None to keep the numbers"):
+    with pytest.raises(ScanError, match="unknown unit 'inch'; valid: m, cm, mm, in, ft, None to keep the numbers"):
         Scan.load(tmp_path / "scan.npy", units="inch")  # type: ignore[arg-type]
 
 
@@ -109,6 +109,13 @@ def test_other_units_are_told_too(unit: str, metres: float, tmp_path: Path) -> N
     with pytest.raises(UnitError, match=f"--units {unit}"):
         check_units(scan, DIAGONAL)
     assert Scan.load(tmp_path / "scan.npy", units=unit).diagonal == pytest.approx(DIAGONAL, rel=0.01)  # type: ignore[arg-type]
+
+
+def test_feet_are_taken_where_they_are_named(tmp_path: Path) -> None:
+    """A scan in feet is three times as large as it should be, as many a room about the model is."""
+    np.save(tmp_path / "scan.npy", surface(DIAGONAL / 0.3048, 2000))
+    assert likely_unit(Scan.load(tmp_path / "scan.npy"), DIAGONAL) == "m"
+    assert Scan.load(tmp_path / "scan.npy", units="ft").diagonal == pytest.approx(DIAGONAL, rel=0.01)
 
 
 def test_a_scan_that_cannot_be_in_the_unit_named() -> None:
