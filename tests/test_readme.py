@@ -54,6 +54,13 @@ def test_commands_run(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
         assert code == 0, f"{command}\n{capsys.readouterr().err}"
 
 
+def test_the_output_shown_has_the_form_of_what_is_printed(readme: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["estimate", "robots/laptop/laptop.urdf", "robots/laptop/scans/full.ply"]) == 0
+    printed = capsys.readouterr().out
+    (shown,) = _blocks(readme, "")
+    assert re.sub(r"[-\d]+", "0", printed).startswith(re.sub(r"[-\d]+", "0", shown))
+
+
 def test_commands_of_the_documents_are_of_the_right_use(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Their files are placeholders: that these are missing is all that is wrong."""
     for document in (repository / "docs").glob("*.md"):

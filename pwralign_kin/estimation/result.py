@@ -185,7 +185,7 @@ class Estimate(ReadOnly):
             equal = sum(other.equal for other in self.alternatives)
             rival = f"best cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}, less is better"
             count = len(self.alternatives)
-            as_well = f"{equal} of them explain{'s' * (equal == 1)} the scan as well"
+            as_well = f"{equal or 'none'} of them explain{'s' * (equal <= 1)} the scan as well"
             lines += ["", f"alternatives: {count}; {as_well} ({rival})"]
         outcome = "converged" if self.converged else "NOT converged"
         steps = f"{self.iterations} iteration{'s' * (self.iterations != 1)}"

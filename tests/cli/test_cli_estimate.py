@@ -196,7 +196,11 @@ def test_finds_the_pose_in_a_depth_image(arm: Path, tmp_path: Path, pwralign: Ca
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [((), "(intrinsics / --intrinsics)"), (("--intrinsics", 1, 1, 1, 1, "--sensor-origin", 0, 0, 0), "--camera says")],
+    [
+        ((), "(intrinsics / --intrinsics)"),
+        (("--intrinsics", 1, 1, 1, 1, "--sensor-origin", 0, 0, 0), "--camera says"),
+        (("--intrinsics", 1, 1, 1, 1, "--left-handed"), "never left-handed"),
+    ],
 )
 def test_a_depth_image_needs_its_camera(
     arm: Path, tmp_path: Path, pwralign: Call, options: tuple[object, ...], message: str
