@@ -187,10 +187,11 @@ def overlays_by_robot(measured: Sequence[Measurement]) -> tuple[list[str], list[
 
 
 def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
-    """Return PNGs by file name: parts right against time, a panel a tier."""
+    """Return PNGs by file name: parts right against time, a panel a tier, one above the other: a page
+    is narrow."""
     tiers = list(by_tier(measured))
-    picture = new_figure(6.4 * len(tiers), 4.2)
-    panels = picture.subplots(1, len(tiers), sharey=True, squeeze=False)[0]
+    picture = new_figure(8.2, 3.5 * len(tiers))
+    panels = picture.subplots(len(tiers), 1, sharex=True, squeeze=False)[:, 0]
     methods = _methods(measured)
     for axes, (tier, own) in zip(panels, tiers, strict=True):
         places = {}
@@ -207,10 +208,10 @@ def pictures(measured: Sequence[Measurement]) -> Mapping[str, bytes]:
                 markersize=10 if name == OURS else 6, elinewidth=1, capsize=2, linestyle="none",
                 zorder=3 if _is_ours(name) else 2,
             )  # fmt: skip
-        axes.set(title=tier, xlabel="time, s", xscale="log", ylim=(-4, 108))
+        axes.set(title=tier, ylabel="parts right, %", xscale="log", ylim=(-4, 108))
         tidy(axes)
         _label(axes, places)
-    panels[0].set_ylabel("parts right, %")
+    panels[-1].set_xlabel("time, s")
     return {"peers.png": as_png(picture)}
 
 

@@ -48,7 +48,7 @@ class Provenance:
         packages = ", ".join(f"{name} {number}" for name, number in self.versions.items())
         return (
             f"Measured {self.date} at commit {self.commit} by `{self.command}` on {self.processor}, "
-            f"{self.cores} cores, {self.threads} threads, {self.system}; {packages}."
+            f"{self.cores} cores, {self.threads} thread{'s' * (self.threads != 1)}, {self.system}; {packages}."
         )
 
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 Gravity = Annotated[
     Triple | None,
     Parameter(
-        help="x y z: the direction in the scan in which things fall, against the model's z.", negative=(), group=GUESS
+        help="x y z: the direction in the scan in which things fall (0 -1 0 where y is up), against the model's z.",
+        negative=(),
+        group=GUESS,
     ),
 ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,6 +56,7 @@ def calibrate(
         show("reading the model")
         model = model_options.read(urdf)
         joints = [_of_model(model, values, own) for (_, values), own in zip(paths, told, strict=True)]
+        _note_differences(model, [values for _, values in paths], told)
         scans, hints = scan_options.in_metres(scans, model.diagonal)
         known = BasePrior(up=upwards(gravity))
         options = EstimatorOptions(seed=seed, effort=effort, threads=threads, base=known, **hints)
@@ -71,26 +73,38 @@ def _split(pair: str) -> tuple[Path, Path]:
 
 
 def _of_model(model: ArticulatedModel, path: Path, told: dict[str, float]) -> dict[str, float]:
-    """Return what a file tells of the model's actuated joints, and note what it does not tell or tells besides.
+    """Return what a file tells of the model's actuated joints.
 
-    Joints that mimic follow the others. Raises `StateError` for values beyond the limits, `UnknownNameError` where the
-    file names none of the joints.
+    Raises `StateError` for values beyond the limits, `UnknownNameError` where the file names none of the joints.
     """
     known = {name: value for name, value in told.items() if name in model.joint_names}
-    followers = {part.joint.name for part in model.parts if part.joint is not None}
-    strange = [name for name in told if name not in known and name not in followers]
+    strange = _strange(model, told)
     if strange and not known:
         raise UnknownNameError("joint", strange[0], model.joint_names)
-    for name in strange:
-        messages.say(f"{path} tells {name}, which is no joint of the model: it is left out", "note")
-    for name in model.joint_names:
-        if name not in known:
-            messages.say(f"{path} does not tell {name}: it is estimated", "note")
     try:
         model.check_limits(known)
     except StateError as error:
         raise StateError(f"{path}: {error}") from None
     return known
+
+
+def _strange(model: ArticulatedModel, told: Collection[str]) -> list[str]:
+    """Return the names that are of no joint of the model, nor of one that mimics."""
+    followers = {part.joint.name for part in model.parts if part.joint is not None}
+    return [name for name in told if name not in model.joint_names and name not in followers]
+
+
+def _note_differences(model: ArticulatedModel, paths: Sequence[Path], told: Sequence[Collection[str]]) -> None:
+    """Note what files tell besides the model's joints, and what they do not tell: a line for all that agree in it."""
+    notes: dict[str, list[str]] = {}
+    for path, names in zip(paths, told, strict=True):
+        for name in _strange(model, names):
+            notes.setdefault(f"{name} is no joint of the model: left out", []).append(str(path))
+        for name in model.joint_names:
+            if name not in names:
+                notes.setdefault(f"{name} is not told: estimated", []).append(str(path))
+    for note, names_of_files in notes.items():
+        messages.say(f"{', '.join(dict.fromkeys(names_of_files))}: {note}", "note")
 
 
 def _report(result: SharedBaseEstimate, out: Path | None, as_json: bool) -> None:

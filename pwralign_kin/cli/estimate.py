@@ -31,11 +31,14 @@ if TYPE_CHECKING:
 class OutputOptions:
     """Which files are written, and how. Raises `UsageError` for what is about files where none are."""
 
-    out: Annotated[Path | None, Parameter(help="Folder for the files of the result.")] = None
+    out: Annotated[
+        Path | None, Parameter(help="Folder for report.html, overlay.png, aligned.urdf, model.glb and more.")
+    ] = None
     up: Annotated[
         Literal["x", "y", "z", "-x", "-y", "-z"] | None,
         Parameter(
-            help="With --out: the up axis of the scan, for GLB and picture alone; against --gravity by default, else z."
+            help="Up axis of the scan, for GLB and pictures alone (--gravity tells the search); by default against "
+            "--gravity, else z."
         ),
     ] = None
     bundle: Annotated[

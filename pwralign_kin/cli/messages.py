@@ -90,10 +90,16 @@ def outcome(confidence: float, result: str) -> int:
 
 
 def shared_outcome(result: SharedBaseEstimate) -> int:
-    """Return the exit code of a result of several scans; warn where they contradict what was given."""
+    """Return the exit code of a result of several scans; warn where they contradict what was given, or each other."""
     if result.contradicted:
-        say("the scans contradict joint values that were given, and the base is wrong with them", "warning")
+        contradiction = "the scans contradict joint values that were given, and the base is wrong with them"
+        say(f"{contradiction}: mend the values, or leave them out to have them estimated", "warning")
         return LOW_CONFIDENCE
+    strange = [str(i) for i, own in enumerate(result.estimates) if own.confidence < ENOUGH_CONFIDENCE]
+    if strange and result.confidence >= ENOUGH_CONFIDENCE:
+        which = "scan" if len(strange) == 1 else "scans"
+        doubt = "low confidence on the base that the others share; of the same place, with joint values of that moment?"
+        say(f"{which} {', '.join(strange)}: {doubt}", "warning")
     return outcome(result.confidence, "result")
 
 

@@ -64,6 +64,15 @@ class ScanOptions:
     units: Annotated[
         Units, Parameter(help="Unit of the scan file; auto: another one where m makes no sense beside the model.")
     ] = "m"
+    left_handed: Annotated[
+        bool,
+        Parameter(
+            help="The scan file's coordinates are left-handed, as Unity's are: the sign of x is turned as it is read; "
+            "all other coordinates, given and found, are of the turned scan.",
+            negative=(),
+            show_default=False,
+        ),
+    ] = False
     sensor_origin: Annotated[
         Triple | None, Parameter(help="x y z: where the scan was seen from; unit of the scan.", negative=())
     ] = None
@@ -95,6 +104,11 @@ class ScanOptions:
                 given = "--intrinsics, --depth-scale and --camera are of depth images, 16-bit PNG"
                 raise UsageError(f"{path} is no depth image: {given}.")
             scan = Scan.load(path, sensor_origin=self.sensor_origin, units=None)
+            if self.left_handed:
+                scan = scan.mirrored("x")
+                scan = scan if self.sensor_origin is None else scan.with_sensor_origin(self.sensor_origin)
+        elif self.left_handed:
+            raise UsageError(f"{path} is a depth image: these are never left-handed.")
         elif self.units not in ("m", "auto"):
             raise UsageError(f"{path} is a depth image: --depth-scale says what its numbers are in, not --units.")
         elif self.sensor_origin is None:

@@ -183,9 +183,10 @@ class Estimate(ReadOnly):
                 lines.append(f"{name:{part_width}}  {part.points:6d} {residual:>9}  {part.support:6.0%}{hardly}")
         if self.alternatives:
             equal = sum(other.equal for other in self.alternatives)
-            rival = f"the best of cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}"
-            answers = "other answer" if len(self.alternatives) == 1 else "other answers"
-            lines += ["", f"{len(self.alternatives)} {answers}, {equal} of them equal, {rival}"]
+            rival = f"best cost {self.alternatives[0].cost:.4f} against {self.cost:.4f}, less is better"
+            count = len(self.alternatives)
+            as_well = f"{equal or 'none'} of them explain{'s' * (equal <= 1)} the scan as well"
+            lines += ["", f"alternatives: {count}; {as_well} ({rival})"]
         outcome = "converged" if self.converged else "NOT converged"
         steps = f"{self.iterations} iteration{'s' * (self.iterations != 1)}"
         lines.append(f"{outcome} in {steps}, {sum(self.timings.values()):.2f} s")

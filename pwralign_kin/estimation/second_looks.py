@@ -276,8 +276,8 @@ def _against_mirror_image(estimator: Estimator, searched: SearchedScan, estimate
     evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
     if evidence.mirrored > MIRRORED[0]:
         logger.warning(
-            "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, turn "
-            "the sign of one axis",
+            "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, "
+            "turn the sign of one axis: --left-handed, or scan.mirrored('x')",
             searched.scan.source,
         )
     return replace(estimate, evidence=evidence, confidence=confidence(evidence))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pwralign_kin.estimation.result import Estimate
 from pwralign_kin.exceptions import ExportError
-from pwralign_kin.export import deviation, glb, joints, mesh, overlay, srdf, states, urdf
+from pwralign_kin.export import deviation, glb, joints, mesh, overlay, report, srdf, states, urdf
 from pwralign_kin.export.axes import UP_AXES, up_vector
 from pwralign_kin.export.signed_distances import signed_distances
 from pwralign_kin.files import atomic_folder, check_path, files_in
@@ -20,7 +20,7 @@ __all__ = ["FILES", "UP_AXES", "export"]
 
 FILES = (
     "aligned.urdf", "deviation.csv", "deviation.ply", "estimate.json", "initial_positions.yaml", "joint_state.yaml",
-    "model.glb", "model.ply", "model.srdf", "overlay.png", "state.json",
+    "model.glb", "model.ply", "model.srdf", "overlay.png", "report.html", "state.json",
 )  # fmt: skip
 """Names of what is written."""
 
@@ -47,7 +47,8 @@ def export(
     - `model.glb`, `model.ply`: the posed model as a tree of links, and as one mesh in the scan frame;
     - `deviation.ply`, `deviation.csv`: signed distance of every scan point to the model, and a table per
       part;
-    - `overlay.png`: model and scan in one picture.
+    - `overlay.png`: model and scan in one picture; `report.html`: the picture, the joints and the distances on one
+      page.
 
     `scan` is the one that the estimate was made from; `up` (x, y, z, -x, -y or -z) names its upward axis, for
     the GLB and the pictures. With `bundle`, meshes and textures are copied into `folder`, where `aligned.urdf`
@@ -88,7 +89,9 @@ def export(
         glb.write_glb(new / "model.glb", model, state, up)
         mesh.write_model_ply(new / "model.ply", model, state)
         deviation.write_deviation_ply(new / "deviation.ply", scan.points, distances, labels, posed)
-        deviation.write_deviation_table(new / "deviation.csv", distances, labels, posed.parts)
+        figures = deviation.part_figures(distances, labels, len(posed.parts))
+        deviation.write_deviation_table(new / "deviation.csv", figures, posed.parts)
         overlay.write_overlay(new / "overlay.png", model, estimate, posed, scan, upward)
+        report.write_report(new / "report.html", model, estimate, scan, figures, new / "overlay.png")
         names = files_in(new)
     return [folder / name for name in names]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,24 +49,43 @@ def write_deviation_ply(path: Path, points: Array, distances: Array, labels: Ind
     write_ply(path, points.astype(np.float32) if single else points, properties)
 
 
-def write_deviation_table(path: Path, distances: Array, labels: Indices, parts: Sequence[str]) -> None:
+@dataclass(frozen=True)
+class Figures:
+    """The signed distances (m) of the scan points of one part."""
+
+    points: int
+    mean: float
+    rms: float
+    max_abs: float
+    """The largest without its sign."""
+    p95_abs: float
+    """The 95th percentile of them without their signs."""
+
+
+def part_figures(distances: Array, labels: Indices, count: int) -> list[Figures | None]:
+    """Return the figures of each of `count` parts, None where no point is on it."""
+    several = (distances[labels == index] for index in range(count))
+    return [_figures(own) if len(own) else None for own in several]
+
+
+def write_deviation_table(path: Path, figures: Sequence[Figures | None], parts: Sequence[str]) -> None:
     """Write a CSV with a row per part: number, name, and the signed distances (m) of its scan points."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["part", "name", "points", "mean", "rms", "max_abs", "p95_abs"])
-    for index, name in enumerate(parts):
-        own = distances[labels == index]
-        cells = [f"{figure:.6g}" for figure in _figures(own)] if len(own) else [""] * 4
-        writer.writerow([index, name, len(own), *cells])
+    for index, (name, own) in enumerate(zip(parts, figures, strict=True)):
+        lengths = () if own is None else (own.mean, own.rms, own.max_abs, own.p95_abs)
+        cells = [f"{length:.6g}" for length in lengths] or [""] * 4
+        writer.writerow([index, name, 0 if own is None else own.points, *cells])
     files.write_text(path, text.getvalue())
 
 
-def _figures(distances: Array) -> tuple[float, float, float, float]:
-    """Return mean, root mean square, largest and 95th percentile of absolute values."""
+def _figures(distances: Array) -> Figures:
     size = np.abs(distances)
-    return (
-        float(distances.mean()),
-        float(np.sqrt(np.mean(size**2))),
-        float(size.max()),
-        float(np.percentile(size, 95)),
+    return Figures(
+        points=len(size),
+        mean=float(distances.mean()),
+        rms=float(np.sqrt(np.mean(size**2))),
+        max_abs=float(size.max()),
+        p95_abs=float(np.percentile(size, 95)),
     )

@@ -62,6 +62,8 @@ def _expand_xacro(path: Path, packages: PackageFolders, values: Mapping[str, str
     unknown = [name for name in values if name not in declared]
     if unknown:
         raise UnknownNameError(f"xacro argument of {path.name}", unknown[0], declared)
+    if "<link" not in urdf:
+        raise ModelError(path, "makes no links: if it only defines macros, give the file that calls them")
     return urdf.encode()
 
 

@@ -49,12 +49,12 @@ def read(path: Path | str) -> FileContent:
     check_path(path, partial(ScanError, "scan"))
     path = Path(path)
     if path.is_dir():
-        raise ScanError(path, "this is a folder, not a scan file")
+        raise ScanError(path, f"this is a folder, not a scan file{_BAG if (path / 'metadata.yaml').exists() else ''}")
     if not path.exists():
         raise ScanError(path, "no such file")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        way_out = _WAYS_OUT.get(path.suffix.lower(), "")
+        way_out = _WAYS_OUT.get(path.suffix.lower(), _ANY)
         raise ScanError(path, f"unknown suffix {path.suffix!r}; valid: {' '.join(_READERS)}{way_out}")
     try:
         data = path.read_bytes()
@@ -145,11 +145,19 @@ def _text_fault(lines: list[str], first: int, columns: tuple[int, int, int]) -> 
         if len(words) <= max(columns):
             return f"line {number}: {len(words)} columns where at least {max(columns) + 1} are expected{remedy}"
         for column in columns:
-            try:
-                float(words[column])
-            except ValueError:
+            if not _is_number(words[column]):
+                if not remedy and number == first + 1 and not any(map(_is_number, words)):
+                    remedy = ": a heading must call three columns x, y and z"
                 return f"line {number}: {words[column][:40]!r} is not a number{remedy}"
     return None
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _read_npy(data: bytes, path: Path) -> FileContent:
@@ -223,6 +231,7 @@ def _columns_xyz(array: NDArray[np.generic], path: Path, name: str) -> Array:
     return _numeric(array, path, name).reshape(-1, array.shape[-1])[:, :3]
 
 
+_ANY = "; export the points as PLY, or as text with x y z in each line"
 _IMAGE = "; a 16-bit PNG depth image is read with its camera's intrinsics (--intrinsics, or `DepthFrame.load`)"
 _SEQUENCE = "; `pwralign track` follows a model through it (`read_frames` reads it)"
 _BAG = f"; a ROS 2 bag is no single scan{_SEQUENCE}"

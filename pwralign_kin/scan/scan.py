@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -200,9 +201,12 @@ class Scan(ReadOnly):
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
         return self._derived(np.arange(len(self.points)), factor * self.points, origin)
 
-    def mirrored(self) -> Scan:
-        """Return the mirror image of the scan, with the sign of z turned; it loses its depth camera."""
-        mirror = np.array([1.0, 1.0, -1.0])
+    def mirrored(self, axis: Literal["x", "y", "z"] = "z") -> Scan:
+        """Return the mirror image of the scan, with the sign of `axis` turned; it loses its depth camera.
+
+        Of left-handed coordinates it makes right-handed ones.
+        """
+        mirror = np.where(np.array(["x", "y", "z"]) == axis, -1.0, 1.0)
         origin = None if self.sensor_origin is None else mirror * self.sensor_origin
         scan = self._derived(np.arange(len(self.points)), mirror * self.points, origin)
         scan._set(normals=None if self.normals is None else mirror * self.normals)
@@ -324,9 +328,14 @@ def _step(values: Array) -> float:
 
 
 def cloud_frame(points: ArrayLike, sensor_origin: ArrayLike | None, source: str) -> Scan | Array:
-    """Return the scan of a frame's points (n, 3); where they are too few for one, none at all: (0, 3)."""
+    """Return the scan of a frame's points (n, 3); where they are too few for one, none at all: (0, 3).
+
+    Points that are not finite are rays without a return, no news in each of many frames.
+    """
+    returned = as_floats(points)
+    returned = returned[np.isfinite(returned).all(axis=1)]
     try:
-        return Scan(points, sensor_origin=sensor_origin, source=source)
+        return Scan(returned, sensor_origin=sensor_origin, source=source)
     except EmptyScanError:
         return np.zeros((0, 3))
 

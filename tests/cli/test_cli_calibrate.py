@@ -147,6 +147,18 @@ def test_estimate_takes_what_is_known_of_the_base(arm: Path, scan: Path, truth: 
     assert "--base-std" in pwralign("estimate", arm, scan, "--base-std", 0, 0).error()
 
 
+def test_a_scan_of_another_place_is_named(arm: Path, scan: Path, truth: Path, tmp_path: Path, pwralign: Call) -> None:
+    pose = ("--joint", "shoulder=0.5", "--joint", "elbow=-0.4", "--points", 3000, "--seed", 7)
+    assert pwralign("simulate", arm, "--out", tmp_path / "moved", *pose).code == 0
+    joints = tmp_path / "joints.json"
+    joints.write_text('{"shoulder": 0.5, "elbow": -0.4, "wheel": 0.0}', encoding="utf-8")
+    own, moved = f"{scan}={joints}", f"{tmp_path / 'moved/scan.ply'}={joints}"
+    outcome = pwralign("calibrate", arm, own, moved, own)
+    assert outcome.code == 0, outcome.err
+    assert "warning: scan 1: low confidence on the base that the others share" in outcome.err
+    assert outcome.err.count("wheel is no joint of the model") == 1
+
+
 def test_wrong_joint_values_are_warned_about(arm: Path, scan: Path, tmp_path: Path, pwralign: Call) -> None:
     joints = tmp_path / "joints.json"
     joints.write_text(json.dumps({"shoulder": 0.5, "elbow": -0.2}), encoding="utf-8")

@@ -127,6 +127,18 @@ def test_a_scan_in_millimetres(units: str, arm: Path, scan: Path, truth: State, 
     _assert_right(json.loads(outcome.out), truth)
 
 
+def test_a_left_handed_scan_is_turned_as_it_is_read(
+    arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
+) -> None:
+    """What else is told of it is of the turned scan."""
+    unity = tmp_path / "unity.xyz"
+    np.savetxt(unity, Scan.load(scan).points * [-1.0, 1.0, 1.0])
+    base = truth.T_scan_base[:3, 3]
+    outcome = pwralign("estimate", arm, unity, "--json", "--left-handed", "--crop", *(base - 1.0), *(base + 1.0))
+    assert outcome.code == 0, outcome.err
+    _assert_right(json.loads(outcome.out), truth)
+
+
 def test_crop_leaves_out_what_is_outside_the_box(
     arm: Path, scan: Path, truth: State, tmp_path: Path, pwralign: Call
 ) -> None:
@@ -184,7 +196,11 @@ def test_finds_the_pose_in_a_depth_image(arm: Path, tmp_path: Path, pwralign: Ca
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [((), "(intrinsics / --intrinsics)"), (("--intrinsics", 1, 1, 1, 1, "--sensor-origin", 0, 0, 0), "--camera says")],
+    [
+        ((), "(intrinsics / --intrinsics)"),
+        (("--intrinsics", 1, 1, 1, 1, "--sensor-origin", 0, 0, 0), "--camera says"),
+        (("--intrinsics", 1, 1, 1, 1, "--left-handed"), "never left-handed"),
+    ],
 )
 def test_a_depth_image_needs_its_camera(
     arm: Path, tmp_path: Path, pwralign: Call, options: tuple[object, ...], message: str

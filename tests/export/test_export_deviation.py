@@ -10,7 +10,7 @@ import open3d
 import pytest
 import trimesh
 
-from pwralign_kin.export.deviation import write_deviation_ply, write_deviation_table
+from pwralign_kin.export.deviation import part_figures, write_deviation_ply, write_deviation_table
 from pwralign_kin.export.signed_distances import signed_distances
 from pwralign_kin.render import PosedMesh, RayScene
 
@@ -141,7 +141,8 @@ def test_ply_keeps_the_coordinates_of_a_survey(tmp_path: Path) -> None:
 
 def test_table_has_a_row_per_part(tmp_path: Path) -> None:
     distances = np.array([0.001, -0.003, 0.002, 7.0])
-    write_deviation_table(tmp_path / "t.csv", distances, np.array([1, 1, 1, -1]), ("base", "arm, left"))
+    figures_by_part = part_figures(distances, np.array([1, 1, 1, -1]), 2)
+    write_deviation_table(tmp_path / "t.csv", figures_by_part, ("base", "arm, left"))
     header, base, arm = (tmp_path / "t.csv").read_text().splitlines()
     assert header == "part,name,points,mean,rms,max_abs,p95_abs"
     assert base == "0,base,0,,,,"

@@ -28,7 +28,7 @@ from pwralign_kin.state import State
 
 FILES = {
     "aligned.urdf", "deviation.csv", "deviation.ply", "estimate.json", "initial_positions.yaml",
-    "joint_state.yaml", "model.glb", "model.ply", "model.srdf", "overlay.png", "state.json",
+    "joint_state.yaml", "model.glb", "model.ply", "model.srdf", "overlay.png", "report.html", "state.json",
 }  # fmt: skip
 
 

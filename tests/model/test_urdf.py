@@ -418,6 +418,13 @@ def test_xacro_under_another_prefix(write_urdf: WriteUrdf) -> None:
     assert "another prefix" in faults(path)[0]
 
 
+def test_a_xacro_of_macros_alone(write_urdf: WriteUrdf) -> None:
+    pytest.importorskip("xacrodoc", reason="the xacro extra is not installed")
+    body = f'<xacro:macro name="arm" params="prefix">{chain(LIMIT)}</xacro:macro>'
+    path = write_urdf(body, "bot.xacro", '<robot name="bot" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    assert "only defines macros" in faults(path)[0]
+
+
 def test_xacro_without_the_extra(write_urdf: WriteUrdf, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(DependencyError, match=r"pwralign-kin\[xacro\]"):

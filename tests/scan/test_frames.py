@@ -173,6 +173,15 @@ def test_bags(plugin: str, tmp_path: Path) -> None:
         list(read_frames([tmp_path / "bag"], FrameOptions(topic="/depth/image", T_scan_camera=2 * np.eye(4))))
 
 
+def test_rays_without_a_return_are_no_news_in_a_stream(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", logger="pwralign_kin")
+    points = np.concatenate([_cloud(0), np.full((5, 3), np.nan)])
+    np.savez(tmp_path / "sequence.npz", points=points, counts=[len(points)])
+    ((_, frame),) = read_frames([tmp_path / "sequence.npz"])
+    assert isinstance(frame, Scan) and len(frame) == len(points) - 5
+    assert not caplog.messages
+
+
 def test_a_bag_without_clouds_or_images_says_what_it_holds(tmp_path: Path) -> None:
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the ros extra is not installed")
     from rosbags.typesys import Stores, get_typestore

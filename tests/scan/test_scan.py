@@ -171,6 +171,10 @@ def test_mirrored_turns_the_sign_of_z_throughout() -> None:
     assert scan.normals is not None and np.allclose(scan.normals, [0.0, 0.6, -0.8])
 
 
+def test_mirrored_turns_the_axis_that_is_named() -> None:
+    assert np.allclose(Scan(cloud()).mirrored("x").points, cloud() * [-1.0, 1.0, 1.0])
+
+
 def test_cropped_keeps_the_points_in_the_box_and_their_indices() -> None:
     points = cloud(500)
     points[7] = np.nan

@@ -582,12 +582,26 @@ def test_points_of_an_archive_by_any_name(tmp_path: Path) -> None:
         ("a.off", "trimesh"),
         ("a.mcap", "pwralign track"),
         ("a.bag", "rosbags-convert"),
+        ("a.fls", "export the points as PLY"),
     ],
 )
 def test_other_formats_say_what_converts_them(tmp_path: Path, name: str, words: str) -> None:
     (tmp_path / name).write_bytes(b"any")
     with pytest.raises(ScanError, match=words):
         Scan.load(tmp_path / name)
+
+
+def test_the_folder_of_a_bag_is_no_scan_and_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").touch()
+    with pytest.raises(ScanError, match=r"folder.*pwralign track"):
+        Scan.load(tmp_path)
+
+
+@pytest.mark.parametrize("heading", ["Points:0,Points:1,Points:2", "id,easting,northing,height"])
+def test_a_heading_without_x_y_z_is_told(heading: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"{heading}\n" + "1,2,3,4\n" * 20)
+    with pytest.raises(ScanError, match=r"line 1: .* is not a number: a heading must call three columns x, y and z"):
+        Scan.load(tmp_path / "a.csv")
 
 
 def test_a_sequence_of_frames_is_no_scan(tmp_path: Path) -> None:

@@ -111,6 +111,13 @@ def test_other_units_are_told_too(unit: str, metres: float, tmp_path: Path) -> N
     assert Scan.load(tmp_path / "scan.npy", units=unit).diagonal == pytest.approx(DIAGONAL, rel=0.01)  # type: ignore[arg-type]
 
 
+def test_feet_are_taken_where_they_are_named(tmp_path: Path) -> None:
+    """A scan in feet is three times as large as it should be, as many a room about the model is."""
+    np.save(tmp_path / "scan.npy", surface(DIAGONAL / 0.3048, 2000))
+    assert likely_unit(Scan.load(tmp_path / "scan.npy"), DIAGONAL) == "m"
+    assert Scan.load(tmp_path / "scan.npy", units="ft").diagonal == pytest.approx(DIAGONAL, rel=0.01)
+
+
 def test_a_scan_that_cannot_be_in_the_unit_named() -> None:
     scan = Scan(surface(DIAGONAL, 600))
     with pytest.raises(UnitError, match=r"--units m$") as caught:
