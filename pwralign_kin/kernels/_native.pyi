@@ -353,6 +353,7 @@ class Search:
         base_moves: NDArray[np.uint8],
         with_joint: NDArray[np.int32],
         keep: int,
+        behind: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]: ...
     def score(
         self, bases: NDArray[np.float64], values: NDArray[np.float64], points: int, coverage_distances: Sequence[float]

@@ -217,7 +217,7 @@ Search::Look Search::look_at(const Configuration &c, const PointSample &sample,
                              const std::vector<uint8_t> &parts) const {
     const int count = int(sample.points.size());
     Look look{Nearest(count, options.band), std::vector<int>(field.points.size(), -1),
-              std::vector<float>(model.parts, 0.f), std::vector<float>(count)};
+              std::vector<float>(model.parts, 0.f), std::vector<float>(count), 0};
     std::vector<Rigid> T(model.parts);
     std::vector<RigidF> F;
     model.forward(c.base, c.values.data(), T.data());
@@ -229,13 +229,17 @@ Search::Look Search::look_at(const Configuration &c, const PointSample &sample,
         look.gains[at] = gain_at(sample.balled, at, look.nearest, F);
     }
     update_support(look.owner, F, options.coverage_distance, parts.data(), look.support.data());
+    const float gained = std::accumulate(look.gains.begin(), look.gains.end(), 0.f);
+    look.score = total_score(gained / sample.weight, look.support.data()) - cost(c, F);
     return look;
 }
 
 std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
-                                         int keep) const {
+                                         int keep, float behind) const {
     constexpr int few_points = 350, most_points = 1500;
+    constexpr float rounding = 1e-4f;
     const int n = model.parts;
+    const float most_support = field.has_origin ? 0.f : 1.f;
     std::vector<uint8_t> all_parts(n);
     for (int p = 0; p < n; ++p) all_parts[p] = model.surface[p].exists;
     const PointSample *samples[] = {&sample_of_points(few_points), &sample_of_points(most_points)};
@@ -316,7 +320,8 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
             std::vector<int> owner = look.owner, changed;
             auto owner_at = [&](int at) -> int & { return owner[shuffled[points.order[at]]]; };
             for (const int at : taken) owner_at(at) = before.part[at];
-            std::vector<float> row(tried.size(), -1e9f);
+            const float least = look.score - behind;
+            std::vector<float> row(tried.size(), lowest_score);
             Nearest now = before;
             for (const int v : modes) {
                 place(tried[v], moving);
@@ -329,12 +334,17 @@ std::vector<Configuration> Search::sweep(const std::vector<Configuration> &from,
                         gained += gain_at(points, at, now, F) - gains[at];
                         owner_at(at) = now.part[at], changed.push_back(at);
                     }
-                update_support(owner, F, options.coverage_distance, moves.data(), support.data());
+                const float covered = (still + gained) / samples[many]->weight;
+                for (int p = 0; p < n; ++p)
+                    if (moves[p]) support[p] = most_support;
+                // What falls behind however well the moved parts may be supported need not be known.
+                if (total_score(covered, support.data()) + rounding > least) {
+                    update_support(owner, F, options.coverage_distance, moves.data(), support.data());
+                    tried[v].score = row[v] = total_score(covered, support.data()) - cost(tried[v], F);
+                }
                 for (const int at : changed) owner_at(at) = before.part[at];
-                tried[v].score = row[v] =
-                    total_score((still + gained) / samples[many]->weight, support.data()) - cost(tried[v], F);
             }
-            modes = best_modes(row, many ? keep : 3 * keep, first, second);
+            modes = best_modes(row, many ? keep : 3 * keep, first, second, least);
         }
         for (int v : modes) found[t].push_back(tried[v]);
     });

@@ -152,9 +152,9 @@ class Search {
     std::vector<Configuration> reach(const std::vector<Configuration> &from, const std::vector<ReachTask> &tasks,
                                      uint64_t seed, int starts, int keep, float tolerance) const;
     // Sweep one actuated joint of whole configurations, or two together in steps twice as long; the best `keep` modes
-    // of each task by the two-way score.
+    // of each task by the two-way score, but for those whose score falls `behind` what is swept by more.
     std::vector<Configuration> sweep(const std::vector<Configuration> &from, const std::vector<SweepTask> &tasks,
-                                     int keep) const;
+                                     int keep, float behind) const;
     // Two-way scores of whole configurations on a fair sample of at most `points` scan points, one set a distance
     // within which points are covered.
     std::vector<Scores> score(const std::vector<Configuration> &configurations, int points,
@@ -225,6 +225,7 @@ class Search {
         Nearest nearest;
         std::vector<int> owner;            // of each scan point
         std::vector<float> support, gains; // gains: of each point of the sample, in the order of their neighbourhood
+        float score;
     };
     // The weights of scan points, null where all are 1: that need not be looked up.
     static const float *weights_or_none(const std::vector<float> &weights);

@@ -241,14 +241,16 @@ class ScanComparison:
         base_moves: Bools,
         keep: int,
         with_joints: Ints | None = None,
+        behind: float = np.inf,
     ) -> Candidates:
         """Return the best `keep` values of each of `joints` in turn, all else as in `candidate` (one), with scores.
 
         What hangs on the joint moves, or all the rest where `base_moves`. A joint of `with_joints`, further out, is
-        swept together with the first in steps twice as long; -1: none.
+        swept together with the first in steps twice as long; -1: none. Values that score less than the candidate does
+        on the same points, by more than `behind`, are left out.
         """
         together = np.full_like(joints, -1) if with_joints is None else with_joints
-        return self._swept(candidate, np.zeros_like(joints), joints, base_moves, together, keep)
+        return self._swept(candidate, np.zeros_like(joints), joints, base_moves, together, keep, behind)
 
     def swept_each(self, candidates: Candidates, joint: int, with_joint: int, keep: int) -> Candidates:
         """Return the best `keep` values of one joint of each of the candidates, what hangs on it moving, with scores.
@@ -257,7 +259,7 @@ class ScanComparison:
         """
         rows = np.arange(len(candidates), dtype=np.int32)
         joints, together = np.full_like(rows, joint), np.full_like(rows, with_joint)
-        return self._swept(candidates, rows, joints, np.zeros(len(rows), bool), together, keep)
+        return self._swept(candidates, rows, joints, np.zeros(len(rows), bool), together, keep, np.inf)
 
     def _swept(
         self,
@@ -267,9 +269,12 @@ class ScanComparison:
         base_moves: Bools,
         together: Ints,
         keep: int,
+        behind: float,
     ) -> Candidates:
         moving = base_moves.astype(np.uint8)
-        return Candidates(*self.native.sweep(candidates.bases, candidates.values, rows, joints, moving, together, keep))
+        return Candidates(
+            *self.native.sweep(candidates.bases, candidates.values, rows, joints, moving, together, keep, behind)
+        )
 
     def part_placements(self, candidates: Candidates) -> Array:
         """Return the placements (m, parts, 4, 4) of all parts."""

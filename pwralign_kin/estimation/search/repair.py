@@ -41,7 +41,7 @@ class RepairOptions(CheckedOptions):
     rounds: Natural = 10
     """How often all solutions are repaired, at most; the effort may allow fewer."""
     solutions: Count = 4
-    """Distinct solutions that are repaired side by side, ..."""
+    """Distinct solutions that are repaired side by side, of a model of few parts, ..."""
     early_rounds: Natural = 2
     """... for so many rounds, and after that only ..."""
     late_solutions: Count = 2
@@ -87,7 +87,7 @@ def repair(
     solutions = comparison.distinct(candidates, options.solutions, search.options.distinct)
     done: set[tuple[float, ...]] = set()
     for round_ in range(options.rounds):
-        worth = _worth_repair(comparison, solutions, options, round_)
+        worth = _worth_repair(search, solutions, options, round_)
         moved: list[Candidates] = []
         for rank in range(worth):
             solution = solutions.take([rank])
@@ -119,15 +119,16 @@ def repair(
     return solutions
 
 
-def _worth_repair(comparison: ScanComparison, solutions: Candidates, options: RepairOptions, round_: int) -> int:
+def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOptions, round_: int) -> int:
     """Return how many of the solutions, best first, are repaired in a round."""
-    best = solutions.take([0])
+    comparison, best = search.comparison, solutions.take([0])
     # A scan that holds more than the model leaves something unexplained however good the answer.
     complete = comparison.coverage_scale > 1.0 and not comparison.lacks(best).any()
     if complete or comparison.unexplained(best) <= options.unexplained:
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
-    return min(int(near.sum()), options.solutions if round_ < options.early_rounds else options.late_solutions)
+    most = options.solutions if round_ < options.early_rounds else options.late_solutions
+    return min(int(near.sum()), max(1, round(most * search.share_tried)))
 
 
 def _scale(solutions: Candidates) -> float:
@@ -168,7 +169,7 @@ def repair_moves(
         vote = voted(search, solution, options.votes, seed, doubting=True, off=off) if len(off) else None
         moves += [] if vote is None else [vote]
     if foremost:
-        moves.append(_swept(comparison, solution, options.held_limbs))
+        moves.append(_swept(comparison, solution, options))
     if turn:
         moves += _turned(search, placements, options)
         if not search.observation.single_view:
@@ -223,19 +224,21 @@ def _regrown(search: TreeSearch, solution: Candidates, faults: _Faults, options:
     return [search.regrown(solution, [0] * len(starts), starts, nexts, options.alternatives)]
 
 
-def _swept(comparison: ScanComparison, solution: Candidates, held_limbs: int) -> Candidates:
+def _swept(comparison: ScanComparison, solution: Candidates, options: RepairOptions) -> Candidates:
     """Sweep every joint with what hangs on it moving, some with all the rest, and compound joints whole.
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
     every = np.arange(solution.values.shape[1], dtype=np.int32)
-    held = np.flatnonzero(_among_largest(comparison, held_limbs)).astype(np.int32)
+    held = np.flatnonzero(_among_largest(comparison, options.held_limbs)).astype(np.int32)
     first, second = _compound_joints(comparison, comparison.lacks(solution))
     joint = np.concatenate([every, held, first])
     with_joint = np.concatenate([np.full(len(every) + len(held), -1, np.int32), second])
     base_moves = np.zeros(len(joint), bool)
     base_moves[len(every) : len(every) + len(held)] = True
-    return comparison.swept(solution, joint, base_moves, 3, with_joint)
+    # Few points tell a score less well than those by which moves are dropped later.
+    hopeless = 2.0 * options.hopeful * _scale(solution)
+    return comparison.swept(solution, joint, base_moves, 3, with_joint, hopeless)
 
 
 def _among_largest(comparison: ScanComparison, count: int) -> Bools:

@@ -253,7 +253,7 @@ void bind_search(nb::module_ &m) {
              "keep"_a, "tolerance"_a);
     type.def("sweep",
              [](const Search &self, Placements bases, Matrix values, Ints configuration, Ints joint, Bytes base_moves,
-                Ints with, int keep) {
+                Ints with, int keep, float behind) {
         const auto from = read_configurations(self.model, bases, values);
         require(joint.shape(0) == configuration.shape(0) && base_moves.shape(0) == configuration.shape(0) &&
                     with.shape(0) == configuration.shape(0),
@@ -266,10 +266,11 @@ void bind_search(nb::module_ &m) {
                     "a task names something that does not exist");
             tasks.push_back({c, j, base_moves.data()[t] != 0, w});
         }
-        auto found = unlocked([&] { return self.sweep(from, tasks, keep); });
+        auto found = unlocked([&] { return self.sweep(from, tasks, keep, behind); });
         return write_configurations(self.model, found);
     },
-             "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a);
+             "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a,
+             "behind"_a);
     type.def("score",
              [](const Search &self, Placements bases, Matrix values, int points,
                 const std::vector<float> &coverage_distances) {

@@ -49,6 +49,13 @@ def test_what_a_sweep_finds_scores_as_whole_configurations_do(
     swept = comparison.swept(true, joints, np.full(len(joints), base_moves), 4)
     assert len(swept) > len(joints)
     np.testing.assert_allclose(swept.scores, comparison.scored(swept)[0].scores, atol=1e-4)
+    # No score is left out that is not behind, and none is told that is.
+    behind = 0.1
+    best = comparison.swept(true, joints, np.full(len(joints), base_moves), 4, behind=behind)
+    near = swept.take(swept.scores > comparison.scored(true)[0].scores[0] - behind)
+    assert 0 < len(near) < len(swept)
+    np.testing.assert_array_equal(best.values, near.values)
+    np.testing.assert_array_equal(best.scores, near.scores)
 
 
 def test_a_view_contradicts_surface_in_free_space(

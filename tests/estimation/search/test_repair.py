@@ -12,7 +12,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.repair import RepairOptions, _across, repair_moves
+from pwralign_kin.estimation.search.repair import RepairOptions, _across, _worth_repair, repair_moves
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
@@ -49,3 +49,24 @@ def test_only_thin_parts_have_two_sides(arm: pk.ArticulatedModel, laptop: pk.Art
     assert all(len(_across(surface)) == 2 for surface in laptop.surfaces)
     thick = max(arm.surfaces, key=lambda surface: float(np.ptp(surface.samples, axis=0).min(initial=0.0)))
     assert len(_across(thick)) == 0
+
+
+@pytest.mark.parametrize(("many_parts", "early", "late"), [(2, 4, 2), (1, 2, 1), (0, 1, 1)])
+def test_fewer_solutions_of_models_of_many_parts_are_repaired(
+    laptop: pk.ArticulatedModel, many_parts: int, early: int, late: int
+) -> None:
+    simulated = pk.simulate(laptop, seed=4)
+    observation = observe(simulated.scan, laptop.diagonal, ObservationOptions(), 2)
+    search = TreeSearch(
+        ScanComparison(
+            Sought(laptop.kernel_model, laptop.surfaces, SearchOptions(many_parts=many_parts), 2),
+            observation,
+            SearchPrior.nothing(np.zeros(1)),
+        )
+    )
+    beside = observation.to_search(simulated.state.T_scan_base)
+    beside[2, 3] += 0.2
+    solutions = Candidates(np.tile(beside, (4, 1, 1)), np.zeros((4, 1)), np.zeros(4, np.float32))
+    options = RepairOptions()
+    assert _worth_repair(search, solutions, options, 0) == early
+    assert _worth_repair(search, solutions, options, options.early_rounds) == late
