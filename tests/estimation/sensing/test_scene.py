@@ -158,7 +158,7 @@ def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     assert linked(SceneOptions()) > 1.3 * linked(SceneOptions(link_spacings=0.0))
 
 
-@pytest.mark.parametrize("share", [10, 14, 20])
+@pytest.mark.parametrize("share", [6, 8, 10, 14, 20])
 def test_a_model_farther_than_enough_other_surface_is_searched_where_points_are_few(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, share: int
 ) -> None:
