@@ -63,17 +63,15 @@ class SceneAnswerSearch(AnswerSearch):
                 with self.watch.stage("repair"):
                     answers.append(self._repaired_one_by_one(seed, left, looked))
             best = self._distinct(answers)
-            sure = self._sureness(best)
-            if sure >= options.sure:
+            if self._sureness(best) >= options.sure:
                 break
             if len(unlike(self.comparison, best.take([0]), again, self.comparison.options.distinct)):
                 with self.watch.stage("repair"):
                     answers.append(self._looked_at_again(seed, best.take([0])))
                 best = self._distinct(answers)
                 again.append(best.take([0]))
-                sure = self._sureness(best)
-            if sure >= options.confident:
-                break
+                if self._sureness(best) >= options.sure:
+                    break
         return Found(best, self.comparison)
 
     def from_guess(self, base: Array, values: Array) -> Found:
@@ -87,6 +85,21 @@ class SceneAnswerSearch(AnswerSearch):
         if self.comparison.unexplained(solutions.take([0])) > self.options.scene_search.unexplained:
             solutions = self._distinct([solutions, self.without_guess().solutions])
         return Found(solutions, self.comparison)
+
+    def finished(self, found: Found) -> Candidates:
+        """Finish what was found; of near-ties that one comes first that explains more and is clearly the likeliest.
+
+        Scores also speak for answers of which little is in sight: nothing contradicts these.
+        """
+        finished, comparison = super().finished(found), found.comparison
+        explained = comparison.coverage(finished)
+        more = np.flatnonzero(explained > explained[0])
+        several = [finished.take([rank]) for rank in (0, *more)]
+        chances = [confidence(gathered(comparison, one, finished)) for one in several]
+        best = int(np.argmax(chances))
+        if chances[best] < chances[0] + self.options.scene_search.likelier:
+            return finished
+        return finished.take(np.argsort(np.arange(len(finished)) != more[best - 1], kind="stable"))
 
     def _looked_at_again(self, seed: int, answer: Candidates) -> Candidates:
         """Return what a close look at one answer to a scene finds, itself if nothing.
@@ -166,6 +179,14 @@ class SceneAnswerSearch(AnswerSearch):
         # Its stages are all repair of the scene. Correspondences have had their say in the whole of it.
         search = TreeSearch(self.comparison.of(view))
         return AnswerSearch(self.model, search, options, None, Stopwatch(self.watch.progress))
+
+    def _distinct(self, several: list[Candidates]) -> Candidates:
+        """Return the best of several answers, and among them the best that is elsewhere, if any is."""
+        best, together = super()._distinct(several), Candidates.concatenate(several).best_first()
+        elsewhere = unlike(self.comparison, together, [best.take([0])], self.options.scene_search.apart)
+        if len(elsewhere) == 0 or len(unlike(self.comparison, best, [best.take([0])], self.options.scene_search.apart)):
+            return best
+        return Candidates.concatenate([best.take(slice(self.repairing.solutions - 1)), elsewhere.take([0])])
 
     def _sureness(self, solutions: Candidates) -> float:
         """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much

@@ -39,10 +39,11 @@ class SceneSearchOptions(CheckedOptions):
     sound: NotNegative = 0.3
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
     from here to 0.5."""
-    confident: NotNegative = 0.2
-    """Confidence below which a further search is worth it however sound the answer, ..."""
     sure: NotNegative = 0.5
-    """... and below which, before that, another close look at the answer is."""
+    """Confidence below which another close look at the answer is worth it however sound it is, and then, where that
+    does not make it sure, a further search."""
+    likelier: NotNegative = 0.2
+    """Confidence by which another answer must be ahead to be preferred to one that scores a little better."""
     further: Positive = 4.0
     """How many times as much is tried in every further search."""
     regions: Count = 12

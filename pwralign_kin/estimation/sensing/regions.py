@@ -30,9 +30,9 @@ def near_enough(
     order = np.argsort(usual, kind="stable")
     enough = np.searchsorted(np.cumsum(area[order], dtype=float), options.enough * ONE_SIDE * model_area)
     holding = float(usual[order[min(int(enough), len(order) - 1)]])
-    # Beyond what is dense lie walls more often than the model.
+    # Beyond what is dense lie walls more often than the model, unless the limit leaves it no room to be farther.
     sparse = max(options.spacing, min(options.spacing_more * holding, options.spacing_most))
-    limit = options.spacing if holding < options.spacing else sparse
+    limit = options.spacing if options.spacing_room * holding < options.spacing else sparse
     return np.asarray((usual < limit) & (spacing < max(STRAYING * limit, LEAST_STRAYING)))
 
 

@@ -62,7 +62,8 @@ def is_scene(scan: Scan, setup: SceneSetup) -> bool:
         return True
     if origin is None:
         return False
-    points = np.ascontiguousarray((scan.points - low) / diagonal, np.float32)
+    near = without_far_points(scan, setup.reach)
+    points = np.ascontiguousarray((near.points - near.box[0]) / diagonal, np.float32)
     return wide_plane(points, setup.preparing, options.plane_unlike, setup.threads) is not None
 
 

@@ -47,7 +47,9 @@ class SceneOptions(CheckedOptions):
     """Points are as dense and as noisy as is usual at their range from the sensor, within this; without a sensor, in
     cells twice as wide."""
     spacing: Positive = 0.026
-    """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough; ..."""
+    """Median distance to the sixth neighbour up to which a range is searched, if all these hold enough, ..."""
+    spacing_room: Positive = 1.25
+    """... even if this is so many times smaller; ..."""
     spacing_more: Positive = 1.5
     """... else so many times that up to which they do: the model may be a little farther, ..."""
     spacing_most: Positive = 0.09

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from searched_scenes import comparing, observed, true_and_moved
 
 import pwralign_kin as pk
+from pwralign_kin.estimation.answers.answer_search import AnswerSearch, Found
 from pwralign_kin.estimation.answers.contest import contested
 from pwralign_kin.estimation.answers.scene_answers import SceneAnswerSearch
 from pwralign_kin.estimation.comparison.candidates import Candidates
@@ -74,9 +77,8 @@ def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
 
     monkeypatch.setattr(SceneAnswerSearch, "_looked_at_again", look)
     monkeypatch.setattr(RegionSearch, "candidates", search)
-    options = SceneSearchOptions()
-    doubted = 0.5 * (options.confident + options.sure)
-    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: doubted)
+    chances = iter([0.0])  # of the answer at first; another look makes it sure
+    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: next(chances, 1.0))
     pk.estimate(excavator, scene.scan)
     assert told == ["search", "look"]
 
@@ -96,6 +98,47 @@ def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(
         return float(np.linalg.norm(comparison.probe_positions(own) - comparison.probe_positions(true), axis=-1).mean())
 
     assert error(found) < 0.01 < 0.03 < error(astray)
+
+
+def test_of_near_ties_an_answer_that_explains_more_and_is_clearly_likelier_comes_first(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    comparison = comparing(excavator, (ready := observed(excavator, scene.scan)))
+    true, aside = (true_and_moved(excavator, scene, ready).take([i]) for i in range(2))
+    options = pk.EstimatorOptions(threads=2)
+
+    def first(one: Candidates, other: Candidates, likelier: float) -> Candidates:
+        tied = Candidates.concatenate([one, other])
+        monkeypatch.setattr(AnswerSearch, "finished", lambda *_: tied)
+        chosen = replace(options, scene_search=SceneSearchOptions(likelier=likelier))
+        answers = SceneAnswerSearch(excavator, TreeSearch(comparison), chosen, None, Stopwatch())
+        finished = answers.finished(Found(tied, comparison))
+        assert len(finished) == 2
+        return finished.take([0])
+
+    np.testing.assert_array_equal(first(aside, true, 0.2).bases, true.bases)
+    np.testing.assert_array_equal(first(true, aside, 0.2).bases, true.bases)
+    np.testing.assert_array_equal(first(aside, true, 1.0).bases, aside.bases)  # not clearly
+    # What explains less stays behind however likely it is.
+    comparison.coverage = lambda candidates, points=None: -np.arange(len(candidates))  # type: ignore[method-assign]
+    np.testing.assert_array_equal(first(aside, true, 0.2).bases, aside.bases)
+
+
+def test_the_best_answer_elsewhere_is_kept_beside_many_at_one_place(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    comparison = comparing(excavator, (ready := observed(excavator, scene.scan)))
+    true, aside = (true_and_moved(excavator, scene, ready).take([i]) for i in range(2))
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
+    many = aside.take([0, 0, 0, 0])
+    many.bases[:, 0, 3] += 1.2 * comparison.options.distinct * np.array([0, 1, -1, 2])
+    many.scores[:], true.scores[:] = 1.0, 0.5
+    true.bases[0, 0, 3] -= 0.1  # no matter how right it is
+
+    kept = answers._distinct([many, true])
+
+    assert len(kept) == pk.EstimatorOptions().repair.solutions == len(many)
+    assert (kept.bases == true.bases).all(axis=(1, 2)).any()
 
 
 def test_another_search_looks_at_other_configurations(excavator: pk.ArticulatedModel, scene: SimulatedScan) -> None:

@@ -32,6 +32,16 @@ def test_a_scan_of_the_model_alone_is_no_scene(excavator: pk.ArticulatedModel, s
     assert not taken_for_scene(excavator, alone)
 
 
+@pytest.mark.parametrize("away", [1e4, 1e9])
+def test_points_without_depth_put_far_away_make_no_scene_of_a_scan(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, away: float
+) -> None:
+    alone = scene.scan.points[scene.labels >= 0]
+    strays = pk.Scan(np.concatenate([alone, np.full((10, 3), away)]), sensor_origin=np.zeros(3))
+
+    assert not taken_for_scene(excavator, strays)
+
+
 def test_a_model_cut_out_with_the_floor_it_stands_on_is_a_scene(
     excavator: pk.ArticulatedModel, scene: SimulatedScan
 ) -> None:
@@ -165,7 +175,7 @@ def test_the_surface_of_a_model_hangs_together_where_points_are_few(
     assert linked(SceneOptions()) > 1.3 * linked(SceneOptions(link_spacings=0.0))
 
 
-@pytest.mark.parametrize("share", [10, 14, 20])
+@pytest.mark.parametrize("share", [6, 8, 10, 14, 20])
 def test_a_model_farther_than_enough_other_surface_is_searched_where_points_are_few(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, share: int
 ) -> None:
