@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Ints
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
@@ -28,7 +29,8 @@ from pwralign_kin.estimation.doubt.uncertainty import (
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.problem import Solution
-from pwralign_kin.estimation.refinement.surface_mixture import solved
+from pwralign_kin.estimation.refinement.surface_mixture import mean_log_likelihoods, solved
+from pwralign_kin.estimation.search.region_of_interest import subtrees
 from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, from_twist, inverse
 
@@ -43,7 +45,10 @@ NO_POINTS = 3.0
 NO_SUPPORT = 0.15
 """... and support that it may cost any one part: that of a small part is little of the score, ..."""
 NO_LIKELIHOOD = 5.0
-"""... and logarithm of the likelihood of all scan points."""
+"""... and logarithm of the likelihood of all scan points, ..."""
+NO_SURFACE = 0.005
+"""... and, in scans from all sides, mean logarithm of that by the surface that is seen, where a part hangs on it that
+holds points: surface in sight that has none speaks against the joint."""
 BETTER = 3.0
 """Log-likelihood by which another value must be better than the one found, by the likelihood of all points."""
 CHOICES = 2
@@ -90,7 +95,7 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     if undetermined.any():
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(undetermined):
-            base, values = _at_prior(solver, base, values, int(joint), prior)
+            base, values = _at_prior(solver, base, values, int(joint), prior, solution.problem.counts)
         held = undetermined | parting.held
         solution = solved(solver.with_locked(held, values), base, values, solution.problem.blur)
     H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
@@ -167,8 +172,11 @@ def _compared(
     return solution, sure
 
 
-def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array) -> tuple[Array, Array]:
-    """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against."""
+def _at_prior(
+    solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array, counts: Ints
+) -> tuple[Array, Array]:
+    """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against;
+    `counts` (parts,) are the points of each part."""
     comparison = solver.comparison
     moved = values.copy()
     moved[joint] = prior[joint]
@@ -185,4 +193,9 @@ def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int,
     likelihood = finest(comparison, choices.take([0, best])) * len(comparison.observation.given)
     if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
+    # What holds no points may be anywhere.
+    if not comparison.observation.single_view and (counts[subtrees(comparison.parent)[child]] >= LEAST_POINTS).any():
+        shown = mean_log_likelihoods(solver, choices.take([0, best]))
+        if shown[1] < shown[0] - NO_SURFACE:
+            return base, values
     return bases[best], moved
