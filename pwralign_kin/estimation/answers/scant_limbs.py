@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pwralign_kin.arrays import Ints
+from pwralign_kin.arrays import Bools, Ints
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import better_ranked, ranked, ranks
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
@@ -21,14 +21,17 @@ from pwralign_kin.estimation.search.tree_search import TreeSearch
 TURNS, GAIN = 3, 0.005
 """How often in a row limbs are held otherwise, as long as the scores that answers are ranked by and the mean logarithm
 of the likelihood together gain this."""
-SWEPT, REFINED, SETTLED = 5, 16, 3
-"""Values of each joint, or pair of joints, that are looked at, and how many ways to hold limbs are refined, and fitted
-to the end."""
+SWEPT, REFINED, LOOKED_AT, SETTLED = 5, 16, 6, 3
+"""Values of each joint, or pair of joints, that are looked at, and how many ways to hold limbs are refined, the best of
+them held against their points, and fitted to the end."""
 NARROW, HOPEFUL, TIED = 0.01, 0.03, 0.006
 """Robust scale that they are refined from, and by how much less one may score before it is fitted to the end, and
 after that, for its likelihood to be looked at."""
 APART = 0.015
 """Displacement of one part (model diagonals) from which on two configurations are not the same."""
+LEAST_POINTS, PROBES = 8, 12
+"""Points of a part from which on they may tell where it is, and samples of its surface that its displacement is
+measured at."""
 
 
 def scant_limbs_held(solver: JointLeastSquares, final: Candidates) -> Candidates | None:
@@ -60,7 +63,8 @@ def _held_better(solver: JointLeastSquares, final: Candidates) -> Candidates | N
     scores = ranks(comparison, both)
     hopeful = scores > scores[0] - HOPEFUL
     scores[0] = np.inf  # the first of all that are distinct
-    several = comparison.distinct(Candidates(both.bases, both.values, scores).take(hopeful), 1 + SETTLED, apart)
+    several = comparison.distinct(Candidates(both.bases, both.values, scores).take(hopeful), 1 + LOOKED_AT, apart)
+    several = several.take(np.flatnonzero(_tell(comparison, several))[: 1 + SETTLED])
     if len(several) == 1:
         return None
     settled = better_ranked(comparison, several, _settled(solver, several))
@@ -97,6 +101,22 @@ def _joints_about(comparison: ScanComparison, answer: Candidates) -> tuple[Ints,
             pairs.add((int(actuated[above]), int(actuated[part])))
     first, second = np.array(sorted(pairs), np.int32).reshape(-1, 2).T
     return np.array(sorted(single), np.int32), np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _tell(comparison: ScanComparison, several: Candidates) -> Bools:
+    """Return which (m,) of several configurations hold parts elsewhere than the first that have points there or here,
+    and the first itself: what has none may be anywhere."""
+    T = comparison.part_placements(several)
+    moves = (T - T[:1])[:, comparison.exists]
+    probes = [s.samples[:PROBES].T for s in comparison.surfaces if s.exists]
+    apart = [np.linalg.norm(moves[:, i, :3, :3] @ x + moves[:, i, :3, 3:], axis=1) for i, x in enumerate(probes)]
+    moved = np.stack([own.mean(axis=1) > APART for own in apart], axis=1)
+    owners = [comparison.owners(several.take([i]), comparison.exists)[1] for i in range(len(several))]
+    counts = [np.bincount(own[own >= 0], minlength=len(comparison.exists)) for own in owners]
+    points = np.array(counts)[:, comparison.exists]
+    told: Bools = (moved & (np.maximum(points, points[0]) >= LEAST_POINTS)).any(axis=1)
+    told[0] = True
+    return told
 
 
 def _settled(solver: JointLeastSquares, several: Candidates) -> Candidates:
