@@ -30,7 +30,6 @@ from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSqu
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.estimation.refinement.surface_mixture import mean_log_likelihoods, solved
-from pwralign_kin.estimation.search.region_of_interest import subtrees
 from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, from_twist, inverse
 
@@ -181,8 +180,8 @@ def _at_prior(
     moved = values.copy()
     moved[joint] = prior[joint]
     child = next(i for i, part in enumerate(solver.model.parts) if part.joint and part.joint.actuated == joint)
-    before, after = (comparison.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
-    bases = np.array([base, base, base @ before @ inverse(after)])
+    before, after = (comparison.part_placements(Candidates.single(np.eye(4), v))[0] for v in (values, moved))
+    bases = np.array([base, base, base @ before[child] @ inverse(after[child])])
     choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
     scores, coverage, seen = comparison.weighed(choices)
     best = int(np.argmax(scores[1:])) + 1
@@ -193,8 +192,9 @@ def _at_prior(
     likelihood = finest(comparison, choices.take([0, best])) * len(comparison.observation.given)
     if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
+    hanging = (before != after).any(axis=(1, 2))
     # What holds no points may be anywhere.
-    if not comparison.observation.single_view and (counts[subtrees(comparison.parent)[child]] >= LEAST_POINTS).any():
+    if not comparison.observation.single_view and (counts[hanging] >= LEAST_POINTS).any():
         shown = mean_log_likelihoods(solver, choices.take([0, best]))
         if shown[1] < shown[0] - NO_SURFACE:
             return base, values
