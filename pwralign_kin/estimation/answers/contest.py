@@ -12,6 +12,7 @@ import numpy as np
 
 from pwralign_kin.estimation.answers.answer_search import LACKING, repairing_within
 from pwralign_kin.estimation.answers.mending import mended
+from pwralign_kin.estimation.answers.scant_limbs import scant_limbs_held
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.continuation import priced
 from pwralign_kin.estimation.comparison.off_points import off_points
@@ -63,6 +64,8 @@ def contested(
     final = final if better is None else better  # which may be held at a limit too
     won = _better(comparison, final, _across_limits(solver, final))
     won = better if won is None else won
+    held = scant_limbs_held(solver, final if won is None else won)
+    won = won if held is None else held
     return None if won is None else Candidates.concatenate([won, finished])
 
 

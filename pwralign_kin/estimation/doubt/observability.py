@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Ints
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.ranking import finest
 from pwralign_kin.estimation.doubt.cancelling import parted
@@ -28,7 +29,7 @@ from pwralign_kin.estimation.doubt.uncertainty import (
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.likelihood import log_likelihoods
 from pwralign_kin.estimation.refinement.problem import Solution
-from pwralign_kin.estimation.refinement.surface_mixture import solved
+from pwralign_kin.estimation.refinement.surface_mixture import mean_log_likelihoods, solved
 from pwralign_kin.estimation.sensing.points import at_most
 from pwralign_kin.se3 import Array, from_twist, inverse
 
@@ -43,7 +44,10 @@ NO_POINTS = 3.0
 NO_SUPPORT = 0.15
 """... and support that it may cost any one part: that of a small part is little of the score, ..."""
 NO_LIKELIHOOD = 5.0
-"""... and logarithm of the likelihood of all scan points."""
+"""... and logarithm of the likelihood of all scan points, ..."""
+NO_SURFACE = 0.005
+"""... and, in scans of the model from all sides, mean logarithm of that by the surface that is seen, where a part hangs
+on it that holds points: surface in sight that has none speaks against the joint."""
 BETTER = 3.0
 """Log-likelihood by which another value must be better than the one found, by the likelihood of all points."""
 CHOICES = 2
@@ -90,7 +94,7 @@ def doubted(solver: JointLeastSquares, solution: Solution, prior: Array) -> tupl
     if undetermined.any():
         base, values = solution.base, solution.values.copy()
         for joint in np.flatnonzero(undetermined):
-            base, values = _at_prior(solver, base, values, int(joint), prior)
+            base, values = _at_prior(solver, base, values, int(joint), prior, solution.problem.counts)
         held = undetermined | parting.held
         solution = solved(solver.with_locked(held, values), base, values, solution.problem.blur)
     H = inverse_covariance(solution.problem, absent, errors, solver.upper - solver.lower)
@@ -167,14 +171,17 @@ def _compared(
     return solution, sure
 
 
-def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array) -> tuple[Array, Array]:
-    """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against."""
+def _at_prior(
+    solver: JointLeastSquares, base: Array, values: Array, joint: int, prior: Array, counts: Ints
+) -> tuple[Array, Array]:
+    """Set one joint to its prior, moving what hangs on it or else all the rest, unless the scan speaks against;
+    `counts` (parts,) are the points of each part."""
     comparison = solver.comparison
     moved = values.copy()
     moved[joint] = prior[joint]
     child = next(i for i, part in enumerate(solver.model.parts) if part.joint and part.joint.actuated == joint)
-    before, after = (comparison.part_placements(Candidates.single(np.eye(4), v))[0, child] for v in (values, moved))
-    bases = np.array([base, base, base @ before @ inverse(after)])
+    before, after = (comparison.part_placements(Candidates.single(np.eye(4), v))[0] for v in (values, moved))
+    bases = np.array([base, base, base @ before[child] @ inverse(after[child])])
     choices = Candidates(bases, np.array([values, moved, moved]), np.zeros(3, np.float32))
     scores, coverage, seen = comparison.weighed(choices)
     best = int(np.argmax(scores[1:])) + 1
@@ -185,4 +192,11 @@ def _at_prior(solver: JointLeastSquares, base: Array, values: Array, joint: int,
     likelihood = finest(comparison, choices.take([0, best])) * len(comparison.observation.given)
     if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
+    hanging = (before != after).any(axis=(1, 2))
+    of_all_sides = not (comparison.observation.single_view or comparison.observation.scene)
+    # What holds no points may be anywhere.
+    if of_all_sides and (counts[hanging] >= LEAST_POINTS).any():
+        shown = mean_log_likelihoods(solver, choices.take([0, best]))
+        if shown[1] < shown[0] - NO_SURFACE:
+            return base, values
     return bases[best], moved

@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pwralign_kin import kernels
+from pwralign_kin.arrays import Singles
 from pwralign_kin.directions import fibonacci_directions
+from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.refinement.bounded_step import bounded_step
 from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.problem import Blur, Problem, Solution
@@ -41,6 +43,8 @@ LEAST_DAMPING, CAREFUL = 1e-3, 0.25
 """Least damping, in units of the Hessian's diagonal, and after a step that gained little."""
 MOST_LOG_NOISE = 0.2
 """Largest change of the noise's logarithm in a step."""
+FEW_POINTS, FEW_DIRECTIONS, BLUR, FEW_STRAYS = 1500, 12, 0.006, 0.01
+"""Points, sensors, least noise (model diagonals) and share of strays by which several configurations are compared."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +74,20 @@ class _Place:
 class SurfaceMixture:
     """Base, joints and noise of one model fitted to one noisy scan."""
 
-    def __init__(self, solver: JointLeastSquares, base: Array, values: Array, noise: float) -> None:
-        """Take the problem whose bounds and priors hold, and unknowns near to the answer."""
-        observation = solver.comparison.observation
+    def __init__(self, solver: JointLeastSquares, points: Singles, noise: float) -> None:
+        """Take the problem whose bounds and priors hold, `points` (n, 3) of its scan, and about what noise they have.
+
+        What is seen of the surface is yet to be looked at.
+        """
         self.solver = solver
-        self.points = observation.given
+        self.points = points
         self.volume = float(np.prod(np.maximum(np.ptp(self.points, axis=0), 10 * noise)))
         self.mixture = kernels.SurfaceMixture(solver.model.kernel_model, max(SPACING * noise, FINEST))
-        sensors = fibonacci_directions(DIRECTIONS).astype(np.float32)
-        self.mixture.look(np.ascontiguousarray(solver.part_twists(base, values)[0]), sensors, UNSEEN)
+
+    def look(self, base: Array, values: Array, directions: int = DIRECTIONS) -> None:
+        """Look at what is seen of the surface, from all around, at a configuration near to the answer."""
+        sensors = fibonacci_directions(directions).astype(np.float32)
+        self.mixture.look(np.ascontiguousarray(self.solver.part_twists(base, values)[0]), sensors, UNSEEN)
 
     def evidence(self, at: _Place, strays: float) -> _Evidence:
         """Return the likelihood of the points at some unknowns, with `strays` the share of strays among them."""
@@ -145,8 +154,25 @@ def solved(solver: JointLeastSquares, base: Array, values: Array, known: Blur | 
     """
     if not solver.is_noisy:
         return solver.run(base, values)
-    noise = FIRST_NOISE * solver.comparison.observation.noise if known is None else known.noise
-    at, evidence, ended, steps = SurfaceMixture(solver, base, values, noise).run(base.copy(), values.copy(), noise)
+    observation = solver.comparison.observation
+    noise = FIRST_NOISE * observation.noise if known is None else known.noise
+    mixture = SurfaceMixture(solver, observation.given, noise)
+    mixture.look(base, values)
+    at, evidence, ended, steps = mixture.run(base.copy(), values.copy(), noise)
     problem: Problem = solver.build(at.base, at.values, solver.robust_scale(solver.residual(at.base, at.values)))
     problem = replace(problem, blur=Blur(at.noise, evidence.information))
     return Solution(at.base, at.values, problem, ended, steps, solver.view)
+
+
+def mean_log_likelihoods(solver: JointLeastSquares, several: Candidates) -> Array:
+    """Return (m,) the mean logarithm of the likelihood of some of the scan's points by the surface that is seen of each
+    of several configurations. Details far smaller than limbs are blurred."""
+    observation = solver.comparison.observation
+    chosen = np.linspace(0, len(observation.given) - 1, min(len(observation.given), FEW_POINTS)).astype(int)
+    noise = max(FIRST_NOISE * observation.noise, BLUR)
+    mixture = SurfaceMixture(solver, np.ascontiguousarray(observation.given[chosen]), noise)
+    found = []
+    for base, values in zip(several.bases, several.values, strict=True):
+        mixture.look(base, values, FEW_DIRECTIONS)
+        found.append(mixture.evidence(_Place(base, values, noise), FEW_STRAYS).log_likelihood / len(chosen))
+    return np.array(found)

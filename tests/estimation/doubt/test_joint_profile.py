@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import trimesh
 
 import pwralign_kin as pk
 from pwralign_kin.benchmark.metrics import wrapped
-from pwralign_kin.estimation.doubt import joint_profile
+from pwralign_kin.estimation.doubt import joint_profile, observability
 from pwralign_kin.estimation.doubt.observability import doubted
 from pwralign_kin.estimation.doubt.uncertainty import Errors
 from pwralign_kin.estimation.estimator import Estimator
@@ -56,6 +57,17 @@ def test_a_round_base_tells_nothing(tmp_path: Path) -> None:
     model = turret(tmp_path, "")
     estimate = pk.estimate(model, pk.simulate(model, seed=0).scan)
     assert estimate.undetermined == ("turn",)
+
+
+@pytest.mark.parametrize(("shown", "kept"), [(0.0, False), (-0.1, True)])
+def test_a_prior_that_shows_surface_without_points_is_not_taken(tmp_path: Path, shown: float, kept: bool) -> None:
+    """A shank folded into its thigh was put at its prior, out in the air."""
+    model = turret(tmp_path, "")
+    made = pk.simulate(model, pk.State(np.eye(4), {"turn": 0.0}), seed=0)
+    with mock.patch.object(observability, "mean_log_likelihoods", return_value=np.array([0.0, shown])):
+        estimate = pk.estimate(model, made.scan, options=pk.EstimatorOptions(prior={"turn": 2.0}))
+    assert estimate.undetermined == ("turn",)
+    assert (abs(wrapped(estimate.state.joints["turn"] - 2.0)) > 0.1) == kept
 
 
 def test_noise_does_not_leave_a_joint_at_another_of_its_values(tmp_path: Path) -> None:
