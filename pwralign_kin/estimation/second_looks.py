@@ -12,6 +12,7 @@ from pwralign_kin.arrays import Bools
 from pwralign_kin.estimation.answers.one_sided import turned_over
 from pwralign_kin.estimation.answers.plainly_right import is_plainly_right
 from pwralign_kin.estimation.comparison.candidates import Candidates
+from pwralign_kin.estimation.comparison.ranking import ahead_of_mirrored
 from pwralign_kin.estimation.estimator import Estimator, warn_of_size
 from pwralign_kin.estimation.evidence.confidence import MIRRORED, confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
@@ -26,6 +27,7 @@ from pwralign_kin.estimation.sensing.scene import surroundings_of, wide_patches
 from pwralign_kin.estimation.sensing.sensor_origin import contradicting, is_of_all_sides, is_view
 from pwralign_kin.estimation.stages import NOTHING_SUPPOSED, SearchedScan, Suppositions
 from pwralign_kin.exceptions import CorrespondenceError, ScanError
+from pwralign_kin.model import ArticulatedModel
 from pwralign_kin.scan import Scan, note_of_unit, warn_of_rounding
 from pwralign_kin.state import State
 
@@ -34,7 +36,8 @@ logger = logging.getLogger(__name__)
 Answer = tuple[SearchedScan, Estimate]
 
 BLIND, SIGHTED = 0.1, 0.5
-"""Soundness below which an answer may be due to a wrong sensor origin, and from which one without it is believed."""
+"""Soundness below which an answer may be due to a wrong sensor origin, or lie in what the model stands on, and from
+which one without the origin is believed."""
 OTHER_SIDE = 0.02
 """Score by which an answer must be better for the other side of a part to have been seen: 0.08 and more where it was,
 less than none where it was not."""
@@ -137,14 +140,15 @@ def _within_picture(estimator: Estimator, searched: SearchedScan, estimate: Esti
 def _beside_surroundings(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
     """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
 
-    The patch draws parts of the model to it, and passes for a sign that something else was scanned.
+    The patch draws parts of the model to it, or all of it, and passes for a sign that something else was scanned.
     """
     model, options = estimator.model, estimator.options
     observation, evidence = searched.solver.comparison.observation, estimate.evidence
-    if observation.scene or evidence.strange <= STRANGE or soundness(evidence) >= PATCHED:
+    blind = soundness(evidence) < BLIND  # the answer may lie in the patch: what it explains is looked at, too
+    if observation.scene or soundness(evidence) >= PATCHED or (evidence.strange <= STRANGE and not blind):
         return searched, estimate
     near = without_far_points(searched.scan, model.reach)
-    left = estimate.scan_labels[near.source_index] < 0
+    left = blind | (estimate.scan_labels[near.source_index] < 0)
     left &= was_prepared(observation, near.points, options.observation)
     surroundings = surroundings_of(near, left, estimator.scenes)
     other = _among(estimator, searched, near, surroundings) if surroundings.any() else None
@@ -163,8 +167,7 @@ def _apart_from_surroundings(estimator: Estimator, searched: SearchedScan, estim
     observation = comparison.observation
     if observation.scene or evidence.strange <= PATCHES:
         return estimate
-    values = model.values(estimate.state.joints) / model.joint_scales
-    final = Candidates.single(observation.to_search(model.root_placement(estimate.state)), values)
+    final = _configuration(model, searched, estimate)
     patches = comparison.lying(final)[0] > comparison.reach
     patches[patches] = wide_patches(observation.points[patches], observation.sensor_origin, estimator.scenes)
     if not patches.any() or patches.all():
@@ -172,6 +175,13 @@ def _apart_from_surroundings(estimator: Estimator, searched: SearchedScan, estim
     apart = gathered(comparison, final, searched.finished, patches)
     evidence = replace(evidence, nearby=apart.nearby, explained=apart.explained, strange=apart.strange)
     return replace(estimate, evidence=evidence, confidence=confidence(evidence))
+
+
+def _configuration(model: ArticulatedModel, searched: SearchedScan, estimate: Estimate) -> Candidates:
+    """Return the answer of an estimate in units of its search (one)."""
+    observation = searched.solver.comparison.observation
+    values = model.values(estimate.state.joints) / model.joint_scales
+    return Candidates.single(observation.to_search(model.root_placement(estimate.state)), values)
 
 
 def _without_sensor_origin(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
@@ -273,7 +283,9 @@ def _against_mirror_image(estimator: Estimator, searched: SearchedScan, estimate
         return estimate
     if image.solver.comparison.observation.scene:  # its scores do not compare
         return estimate
-    evidence = replace(evidence, mirrored=max(0.0, estimate.cost + float(image.finished.scores[0])))
+    answer = searched.solver.comparison, _configuration(estimator.model, searched, estimate)
+    behind = -ahead_of_mirrored(answer, (image.solver.comparison, image.finished.take([0])))
+    evidence = replace(evidence, mirrored=max(0.0, behind))
     if evidence.mirrored > MIRRORED[0]:
         logger.warning(
             "%s: its mirror image fits the model better: are its coordinates left-handed, as Unity's are? If so, "

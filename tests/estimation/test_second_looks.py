@@ -54,6 +54,30 @@ def test_a_second_look_beside_surroundings_must_be_sounder_and_no_less_confident
     assert estimator.searched.call_args.args[4].surroundings.all()  # what the first answer left unexplained
 
 
+@pytest.mark.parametrize(("sound", "looked"), [(0.05, True), (0.2, False)], ids=["blind", "not blind"])
+def test_an_answer_that_is_no_good_may_lie_in_the_floor(
+    sound: float,
+    looked: bool,
+    arm: pk.ArticulatedModel,
+    single_scan: SimulatedScan,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A model laid in the floor that most of a crop shows left none of it unexplained."""
+    scan, estimator = single_scan.scan, Estimator(arm, pk.EstimatorOptions())
+    first = _answer(scan, sound, 0.1)
+    first.evidence.strange, first.scan_labels = 0.0, np.zeros(scan.n_input, int)
+    monkeypatch.setattr(second_looks, "soundness", lambda evidence: evidence.sound)
+    monkeypatch.setattr(second_looks, "was_prepared", lambda observation, points, options: np.ones(len(points), bool))
+    monkeypatch.setattr(second_looks, "surroundings_of", lambda near, left, *rest: left)
+    monkeypatch.setattr(estimator, "searched", mock.Mock())
+    monkeypatch.setattr(estimator, "finished", lambda _: _answer(scan, 0.6, 0.6))
+    searched = mock.Mock(scan=scan)
+    searched.solver.comparison.observation.scene = False
+    second_looks._beside_surroundings(estimator, searched, first)
+    assert estimator.searched.called == looked
+    assert not looked or estimator.searched.call_args.args[4].surroundings.all()
+
+
 def _found(score: float) -> Any:
     """A search whose answer has this score."""
     searched = mock.MagicMock(name=f"search of score {score}")

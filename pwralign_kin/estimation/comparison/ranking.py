@@ -67,17 +67,33 @@ def finest(comparison: ScanComparison, candidates: Candidates) -> Singles:
     else:
         placements = comparison.part_placements(candidates)
         distances = comparison.distances(comparison.observation.given, placements, comparison.exists, BAND)
-    return np.asarray(_log_likelihoods(comparison, distances, distances[0]).mean(axis=1), np.float32)
+    residual = comparison.residual_of(distances[0])
+    return np.asarray(_log_likelihoods(comparison, distances, residual).mean(axis=1), np.float32)
 
 
 def point_likelihoods(comparison: ScanComparison, candidate: Candidates) -> tuple[Singles, Ints]:
     """Return the logarithm of the likelihood of each of the scan's points by one candidate, and the part (-1: none)
     that it is nearest to."""
     distances, part = comparison.given_owners(candidate)
-    return _log_likelihoods(comparison, distances, distances), part
+    return _log_likelihoods(comparison, distances, comparison.residual_of(distances)), part
 
 
-def _log_likelihoods(comparison: ScanComparison, distances: Singles, of_best: Singles) -> Singles:
+def ahead_of_mirrored(answer: tuple[ScanComparison, Candidates], image: tuple[ScanComparison, Candidates]) -> float:
+    """Return by how much an answer (one) to a scan ranks above one to its mirror image, each by its own comparison.
+
+    Likelihoods compare by one and the same noise only: that which the better leaves.
+    """
+    residual = min(comparison.residual(candidate) for comparison, candidate in (answer, image))
+
+    def rank(comparison: ScanComparison, candidate: Candidates) -> float:
+        both_ways = comparison.scored_both_ways(candidate, _tight(comparison, candidate))[0][0]
+        distances = comparison.given_owners(candidate)[0]
+        return float(both_ways + _log_likelihoods(comparison, distances, residual).mean())
+
+    return rank(*answer) - rank(*image)
+
+
+def _log_likelihoods(comparison: ScanComparison, distances: Singles, residual: float) -> Singles:
     # The noise counts, and what a bent scan leaves beside it.
-    noise = math.hypot(max(comparison.observation.noise, comparison.residual_of(of_best)), SAMPLING)
+    noise = math.hypot(max(comparison.observation.noise, residual), SAMPLING)
     return np.asarray(np.log(np.exp(-0.5 * (distances / noise) ** 2) + ANYWHERE), np.float32)

@@ -28,18 +28,24 @@ def normals_of(
     """Return unit normals of either sign, from neighbourhoods that are wide against noise and spacing; and how far
     apart scan lines are, where a spinning sensor leaves many points' spacings between them, else 0."""
     radius = max(options.normal_radius + options.normal_noises * noise, options.neighbour_spacings * spacing)
+    normals, _, widened = planes_across_lines(points, radius, noise, threads)
+    return normals, widened / options.neighbour_spacings
+
+
+def planes_across_lines(points: Singles, radius: float, noise: float, threads: int) -> tuple[Singles, Singles, float]:
+    """Return unit normals of either sign and variances (n, 3) of the neighbourhoods within `radius` of points, which
+    are widened where a spinning sensor leaves them on one scan line; and how wide they then are, else 0."""
     normals, _, variances, neighbours = kernels.local_planes(points, radius, threads)
-    on_line, gap = _on_line(variances, neighbours, noise), 0.0
+    on_line, widened = _on_line(variances, neighbours, noise), 0.0
     for _ in range(WIDENINGS):
         if on_line.mean() < LINES:
             break
-        radius *= WIDER
-        gap = radius / options.neighbour_spacings
-        wider, _, variances, neighbours = kernels.local_planes(points, radius, threads)
-        told = on_line & ~_on_line(variances, neighbours, noise)
-        normals[told] = wider[told]
+        widened = radius = radius * WIDER
+        wider, _, more, neighbours = kernels.local_planes(points, radius, threads)
+        told = on_line & ~_on_line(more, neighbours, noise)
+        normals[told], variances[told] = wider[told], more[told]
         on_line &= ~told
-    return np.asarray(normals), gap
+    return np.asarray(normals), np.asarray(variances), widened
 
 
 def _on_line(variances: Singles, neighbours: Ints, noise: float) -> Bools:

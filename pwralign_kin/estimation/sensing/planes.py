@@ -9,6 +9,8 @@ import numpy as np
 from pwralign_kin import kernels
 from pwralign_kin.arrays import Bools, Indices, Singles
 from pwralign_kin.estimation.sensing.by_range import usual_at_range
+from pwralign_kin.estimation.sensing.noise import noise_of
+from pwralign_kin.estimation.sensing.normals import planes_across_lines
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.scene_options import SceneOptions
 
@@ -63,14 +65,17 @@ class Cloud:
     """(n,) surface that each point stands for."""
     tolerances: Singles
     """(n,) how far from a plane each may lie and be of it."""
+    across: float
+    """How wide neighbourhoods are that hold points of several scan lines; 0 where points lie on none."""
 
     @classmethod
     def of(cls, points: Singles, areas: Singles, origin: Singles | None, options: SceneOptions, threads: int) -> Cloud:
         """Take points seen from an `origin`, if one is known; the farther the noisier they may be."""
-        normals, _, variances, _ = kernels.local_planes(points, options.normal_radius, threads)
+        blur = noise_of(points, threads)
+        normals, variances, widened = planes_across_lines(points, options.normal_radius, blur, threads)
         noise = usual_at_range(np.sqrt(np.maximum(variances[:, 0], 0)), points, origin, options)
         tolerances = np.clip(options.plane_noises * noise, options.plane_tolerance, options.plane_most)
-        return cls(points, normals, areas, np.asarray(tolerances))
+        return cls(points, normals, areas, np.asarray(tolerances), widened)
 
     def off(self, plane: Plane) -> Singles:
         """Return how far each point is from a plane, (n,)."""
@@ -145,8 +150,9 @@ def _wide_pieces(cloud: Cloud, inliers: Indices, plane: Plane, least: Size, opti
 
     axes = np.linalg.svd(plane.normal[None].astype(float))[2][1:]
     flat = (cloud.points - plane.centre) @ axes.T
-    low = flat[inliers].min(axis=0) - 1.5 * options.plane_cell  # a cell to spare for what is covered beside them
-    at = np.floor((flat - low) / options.plane_cell).astype(np.int64)
+    cell = max(options.plane_cell, cloud.across)
+    low = flat[inliers].min(axis=0) - 1.5 * cell  # a cell to spare for what is covered beside them
+    at = np.floor((flat - low) / cell).astype(np.int64)
     shape = at[inliers].max(axis=0) + 2
     footprint = np.zeros(shape, bool)
     footprint[tuple(at[inliers].T)] = True
@@ -155,7 +161,9 @@ def _wide_pieces(cloud: Cloud, inliers: Indices, plane: Plane, least: Size, opti
     wide = np.zeros(count + 1, bool)
     for index in range(1, count + 1):
         own = inliers[piece == index]
-        if len(own) < LEAST_ON_PIECE or cloud.areas[own].sum() < least.area:
+        # Points on scan lines stand for more surface than their nearest neighbours show.
+        area = (label == index).sum() * cell**2 if cloud.across else cloud.areas[own].sum()
+        if len(own) < LEAST_ON_PIECE or area < least.area:
             continue
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(flat[own].T)))
         wide[index] = spread[0] > least.spread or (

@@ -247,3 +247,15 @@ def test_a_patch_of_floor_that_is_left_unexplained_is_looked_at_as_surroundings(
     estimate = pk.estimate(excavator, scan)
     assert estimate.confidence > 0.5
     assert (estimate.scan_labels[left] < 0).mean() > 0.8
+
+
+def test_the_floor_is_told_across_the_rings_of_a_spinning_sensor(excavator: pk.ArticulatedModel) -> None:
+    """No neighbourhood held points of two rings, whose planes then were of no floor."""
+    height, random = 0.6 * excavator.diagonal, np.random.default_rng(0)
+    radii = height / np.tan(np.radians(np.arange(20.0, 60.0, 4.0)))
+    turn = np.radians(np.arange(-25.0, 25.0, 0.4))
+    rings = np.stack([np.outer(radii, np.cos(turn)), np.outer(radii, np.sin(turn))], axis=-1).reshape(-1, 2)
+    noise = random.normal(0.0, 0.002 * excavator.diagonal, len(rings))
+    floor = pk.Scan(np.column_stack([rings, noise]), sensor_origin=(0.0, 0.0, height))
+    found = surroundings_of(floor, np.ones(len(rings), bool), scenes_of(excavator))
+    assert found.mean() > 0.9
