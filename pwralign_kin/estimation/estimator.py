@@ -50,8 +50,8 @@ for what the outline mends: it reaches half as far, and surfaces slide and turn 
 UNLIKE = 0.03
 """Share of strange and astray points from which the size of the model is doubted, as where much of it is not seen."""
 CLEARLY = 0.04
-"""Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
-is right, 0.05 to 0.3 where it is 7 to 15% off."""
+"""Gain of a model of another size from which a caller is told: less where the size is right, but for rounded edges, and
+0.05 to 0.4 where it is 7 to 15% off."""
 
 
 class Estimator:

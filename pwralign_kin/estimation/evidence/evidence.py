@@ -101,8 +101,9 @@ class Evidence:
     does not count. Where there is much else, some of that is like the model by chance."""
 
     strange: float
-    """Share of what lies on or near the model that it does not explain, but for a patch of floor, table or wall; in a
-    scene, where other things touch the model, as `nearby`."""
+    """Share of what lies on or near the model that it does not explain, but for a patch of floor, table or wall; of all
+    the scan where its points are farther apart than what is near; in a scene, where other things touch the model, as
+    `nearby`."""
 
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
@@ -119,10 +120,11 @@ class Evidence:
     """Points that lie on the model, over its parts with surface."""
 
     size: float
-    """How many times as large a model explains the points better; 1 where no other size does."""
+    """How many times as large a model the scan is more like; 1 where it is like none more."""
 
     size_gain: float
-    """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
+    """Mean by which points near the model lie better on one of that size, each from 0 to 1, and half the share by which
+    they confirm more of its surface in sight."""
 
     mirrored: float
     """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
@@ -151,7 +153,9 @@ def gathered(
     on_model = areas[explained].sum() / areas.sum()
     alike = explained & (np.abs(cosine) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
-    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
+    # Of points farther apart than `near`, hardly any that something else left beside the model is so near to it.
+    beside = nearby if observation.spacing < comparison.options.near else 1.0 - on_model
+    strange = nearby if observation.scene else beside / max(beside + on_model, 1e-9)
     well = areas[explained & (distance <= max(comparison.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = max(0.0, 1.0 - well / max(areas[explained].sum(), 1e-9))  # sums of other terms round otherwise
     points = np.bincount(owners[owners >= 0], minlength=len(comparison.exists))

@@ -35,8 +35,9 @@ TURNING = 0.002
 """Length (model diagonals) from which an offset tells where it leads; a shorter one leads along the normal."""
 CONFIRMED = 0.5
 """How much a share of the surface that is confirmed counts, against one of the points that lie on it."""
-LEAST_GAIN, LEAST_CHANGE = 0.025, 0.02
-"""Less than this gain, and less than this logarithm of a size, come of the bias of sensors, ..."""
+LEAST_GAIN, LEAST_CHANGE = 0.025, 0.045
+"""Less than this gain, and less than this logarithm of a size, come of the bias of sensors, and of edges that fused
+meshes round off, ..."""
 BY_NOISE = 6.0
 """... and so much more of both, times the noise, of points that noise takes out of thin parts."""
 BLUR, NOISES = 0.012, 1.5
