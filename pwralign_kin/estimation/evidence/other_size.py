@@ -10,7 +10,7 @@ from pwralign_kin import kernels
 from pwralign_kin.arrays import Ints
 from pwralign_kin.estimation.comparison.scan_comparison import ALIKE, ScanComparison
 from pwralign_kin.estimation.refinement.bounded_step import bounded_step
-from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares, stretched
+from pwralign_kin.estimation.refinement.joint_least_squares import JointLeastSquares
 from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.se3 import Array
 
@@ -24,7 +24,8 @@ LEAST_SEEN = 0.75
 """Share of the surface in sight that is confirmed from which on no more of it would be at another size."""
 SIGMA, REACH = 0.02, 0.1
 """Scale of the robust kernel and farthest correspondence (model diagonals): sizes are far from one another."""
-ROUNDS = 16
+ROUNDS = 40
+"""Plates slide slowly to another size; prolonged steps overshoot with joints that curl."""
 MOST_GROWTH = 0.1
 """Logarithm of the size in one step, at most, ..."""
 MOST_CHANGE = 0.5
@@ -72,19 +73,15 @@ def other_size(solver: JointLeastSquares, solution: Solution) -> OtherSize:
     same = fit.alike(base, values, growth)
     if 1.0 + CONFIRMED - same < LEAST_GAIN:
         return SAME_SIZE  # no size could explain more
-    before, stretch = np.zeros(len(values) + 7), 1.0
     for _ in range(ROUNDS):
         low, high = solver.step_bounds(values)
         low, high = np.append(low, -MOST_GROWTH), np.append(high, MOST_GROWTH)
-        H, g = fit.normal_equations(base, values, growth)
         try:
-            step = bounded_step(H, g, low, high, solver.options.damping)
+            step = bounded_step(*fit.normal_equations(base, values, growth), low, high, solver.options.damping)
         except np.linalg.LinAlgError:
             return SAME_SIZE
-        stretch = stretched(H, before, step, stretch)
-        before, taken = step, np.clip(stretch * step, low, high)
-        growth = float(np.clip(growth + taken[-1], -MOST_CHANGE, MOST_CHANGE))
-        base, values = solver.stepped(base, values, taken[:-1])
+        growth = float(np.clip(growth + step[-1], -MOST_CHANGE, MOST_CHANGE))
+        base, values = solver.stepped(base, values, step[:-1])
         if abs(step[-1]) < UNCHANGED:
             break
     gain, by_noise = fit.alike(base, values, growth) - same, BY_NOISE * solver.comparison.observation.noise
