@@ -18,7 +18,7 @@ from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.doubt.observability import doubted
 from pwralign_kin.estimation.evidence.evidence import gathered
-from pwralign_kin.estimation.evidence.other_size import other_size
+from pwralign_kin.estimation.evidence.other_size import LEAST_SEEN, other_size
 from pwralign_kin.estimation.knowledge.correspondences import Correspondences
 from pwralign_kin.estimation.knowledge.prior import JOINT_REACH
 from pwralign_kin.estimation.options import EstimatorOptions
@@ -48,10 +48,10 @@ OUTLINED = 0.06
 """Mean displacement of the surface (model diagonals) within which an answer and what the search ended with are one, but
 for what the outline mends: it reaches half as far, and surfaces slide and turn along themselves besides."""
 UNLIKE = 0.03
-"""Share of strange and astray points from which the size of the model is doubted."""
+"""Share of strange and astray points from which the size of the model is doubted, as where much of it is not seen."""
 CLEARLY = 0.04
-"""Share by which points must lie better on a model of another size for a caller to be told: up to 0.025 where the size
-is right, 0.05 to 0.3 where it is 7 to 15% off."""
+"""Gain of a model of another size from which a caller is told: less where the size is right, but for rounded edges, and
+0.05 to 0.4 where it is 7 to 15% off."""
 
 
 class Estimator:
@@ -160,7 +160,7 @@ class Estimator:
             solution, doubt = doubted(searched.solver, solution, searched.prior)
         with searched.watch.stage("confidence"):
             evidence = gathered(searched.solver.comparison, bearing_out(searched, solution), searched.finished)
-            if evidence.strange + evidence.astray > UNLIKE:
+            if evidence.strange + evidence.astray > UNLIKE or evidence.in_sight < LEAST_SEEN:
                 size = other_size(searched.solver, solution)
                 evidence = replace(evidence, size=size.factor, size_gain=size.gain)
         return Judged(solution, doubt, evidence)

@@ -360,11 +360,21 @@ class ScanComparison:
         The second is the share of that alone which points lie on at all, 1 where none do: a hole in the scan does not
         speak against a surface, one that crosses it does. The third is the share of the whole surface that is in
         sight."""
-        placements = np.ascontiguousarray(self.part_placements(candidate)[0])
-        distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
-        shown, near, confirmed = (float(self.areas @ own) for own in self.native.in_sight(placements, distance, ALIKE))
+        shown, near, confirmed = self._in_sight(self.part_placements(candidate)[0], ALIKE)
         whole = float(self.areas[self.exists].sum())
         return confirmed / max(shown, 1e-9), confirmed / near if near > 0.0 else 1.0, shown / whole
+
+    def confirmed_share(self, placements: Array, size: float) -> float:
+        """Return the first of that for parts placed (parts, 4, 4), so many times as large by their placements."""
+        shown, _, confirmed = self._in_sight(placements, min(size * ALIKE, 1.0))
+        return confirmed / max(shown, 1e-9)
+
+    def _in_sight(self, placements: Array, cosine: float) -> tuple[float, float, float]:
+        """Return the area in sight, that which points lie on, and that which they are oriented like."""
+        distance = min(max(self.reach, SPARSE * self.observation.spacing), MOST_REACH)
+        sight = self.native.in_sight(np.ascontiguousarray(placements), distance, cosine)
+        shown, near, confirmed = (float(self.areas @ own) for own in sight)
+        return shown, near, confirmed
 
     def pictured(self, candidate: Candidates) -> float:
         """Return the share of one candidate's surface that is within the picture of a view; 1 where nothing cuts it."""

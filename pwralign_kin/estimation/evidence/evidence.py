@@ -32,6 +32,8 @@ MODES, RIVALS = 3, 8
 """Values of each joint that are tried, and the best rivals that are compared with the answer."""
 CONTINUED_MORE = 0.2
 """A better rival of which this share more of the edges is continued is none."""
+SPARSE_PROBES = 200
+"""Samples of each part by which points that are far apart are near it."""
 PROBES = 40
 """Samples of each part that are compared."""
 BLUR, REACH = 0.012, BAND
@@ -102,7 +104,8 @@ class Evidence:
 
     strange: float
     """Share of what lies on or near the model that it does not explain, but for a patch of floor, table or wall; in a
-    scene, where other things touch the model, as `nearby`."""
+    scene, where other things touch the model, as `nearby`. Points farther apart than what is near otherwise are near
+    within their spacing."""
 
     astray: float
     """Share of what lies on the model that is farther from it than noise explains: other surface, or bent by the
@@ -119,10 +122,11 @@ class Evidence:
     """Points that lie on the model, over its parts with surface."""
 
     size: float
-    """How many times as large a model explains the points better; 1 where no other size does."""
+    """How many times as large a model the scan is more like; 1 where it is like none more."""
 
     size_gain: float
-    """Mean by which points near the model lie better on one of that size, each from 0 to 1."""
+    """Mean by which points near the model lie better on one of that size, each from 0 to 1, and half the share by which
+    they confirm more of its surface in sight."""
 
     mirrored: float
     """Score by which an answer to the mirror image of the scan is better; 0 where that is not looked at."""
@@ -151,7 +155,8 @@ def gathered(
     on_model = areas[explained].sum() / areas.sum()
     alike = explained & (np.abs(cosine) >= ALIKE)
     confirmed = float(areas[alike].sum() / max(areas[explained].sum(), 1e-9))
-    strange = nearby if observation.scene else nearby / max(nearby + on_model, 1e-9)
+    beside = areas[~explained & _near(comparison, final, distance)].sum() / areas.sum()
+    strange = nearby if observation.scene else beside / max(beside + on_model, 1e-9)
     well = areas[explained & (distance <= max(comparison.noise_reach, ASTRAY * observation.spacing))].sum()
     astray = max(0.0, 1.0 - well / max(areas[explained].sum(), 1e-9))  # sums of other terms round otherwise
     points = np.bincount(owners[owners >= 0], minlength=len(comparison.exists))
@@ -186,6 +191,22 @@ def gathered(
         size_gain=SAME_SIZE.gain,
         mirrored=0.0,
     )
+
+
+def _near(comparison: ScanComparison, final: Candidates, distance: Singles) -> Bools:
+    """Return which scan points (m,) are on or near the model, by their `distance` (m,) from it.
+
+    In a scan of points farther apart than what is near, they are near within their spacing: hardly any that something
+    else left beside the model is nearer.
+    """
+    observation = comparison.observation
+    if observation.scene or observation.spacing <= comparison.options.near:
+        return np.asarray(distance < comparison.options.near)
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(comparison.probe_positions(final, SPARSE_PROBES)[0])
+    away = tree.query(observation.points, distance_upper_bound=observation.spacing)[0]
+    return np.asarray(np.isfinite(away))
 
 
 def ahead_of(score: Singles, others: Singles) -> float:

@@ -12,10 +12,12 @@ from good_evidence import GOOD
 import pwralign_kin as pk
 from pwralign_kin import se3
 from pwralign_kin.estimation.comparison.candidates import Candidates
-from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison
+from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
+from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import Evidence, _distinctness, gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
+from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
 from pwralign_kin.simulation import TIERS, SimulatedScan
@@ -289,3 +291,19 @@ def test_a_view_looks_past_surface_that_is_not_there(arm: pk.ArticulatedModel) -
     ahead = seen.scan.points[np.argsort(seen.scan.points[:, 0])[: len(seen.scan.points) // 3]]
     torn = pk.estimate(arm, pk.Scan(ahead, sensor_origin=seen.scan.sensor_origin), initial=seen.state)
     assert torn.evidence.refuted > 0.2
+
+
+@pytest.mark.parametrize(("points", "least", "most"), [(40, 0.2, 0.7), (4000, 0.0, 0.05)])
+def test_what_few_points_leave_unexplained_beside_the_model_is_strange(
+    arm: pk.ArticulatedModel, units: np.ndarray, points: int, least: float, most: float
+) -> None:
+    # Of so few, hardly any of another thing is as near to the model as those of many are.
+    made = pk.simulate(arm, sensor=pk.Sensor(views=6, points=points), seed=3)
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(len(made.scan.points), 3))
+    about = 0.55 * arm.diagonal * directions / np.linalg.norm(directions, axis=1)[:, None]
+    beside = made.scan.points.mean(axis=0) + about
+    observation = observe(pk.Scan(np.concatenate([made.scan.points, beside])), arm.diagonal, ObservationOptions(), 1)
+    sought = Sought(arm.kernel_model, arm.surfaces, SearchOptions(), 1)
+    comparison = ScanComparison(sought, observation, SearchPrior.nothing(arm.values({}) / units))
+    assert least <= evidence(comparison, arm, made.state, units).strange <= most
