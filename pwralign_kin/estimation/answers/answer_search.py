@@ -359,9 +359,7 @@ class AnswerSearch:
 
     def repaired(self, candidates: Candidates) -> Candidates:
         """Return candidates repaired, best first, the surface of the best read otherwise unless it is sound."""
-        # What is cut out of a scene was looked at because a whole configuration leads there.
-        turn = not self.search.observation.cut_out
-        return self._reinterpreted(self.search, repair(self.search, candidates, self.repairing, turn=turn))
+        return self._reinterpreted(self.search, repair(self.search, candidates, self.repairing, turn=True))
 
     def _reinterpreted(self, search: TreeSearch, solutions: Candidates) -> Candidates:
         """Read the surface of the best solution otherwise unless it is sound, and repair what comes out."""

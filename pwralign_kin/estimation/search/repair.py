@@ -154,7 +154,7 @@ def repair_moves(
     if bad.any() or missing:
         moves += _regrown(search, solution, _Faults(support, bad, missing), options)
     if (bad.any() or missing) and not search.observation.scene:
-        # In a scene, answers come from close looks at what is near them, which have grown so.
+        # In a scene this never won: close looks at what is near an answer have grown all from many such places.
         best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:ROOTS]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))

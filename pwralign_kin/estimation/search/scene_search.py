@@ -79,7 +79,7 @@ class SceneSearchOptions(CheckedOptions):
     focus: NotNegative = 0.35
     """... with the points this near (model diagonals) to each of them."""
     finalists: Count = 2
-    """Looks, the best, whose answers are repaired, until one is convincing, ..."""
+    """Looks, the best, of a further search one, whose answers are repaired, until one is convincing, ..."""
     gained: NotNegative = 0.15
     """... as long as what repair gains of the scores lets the next overtake it, ..."""
     rounds: Natural = 2
