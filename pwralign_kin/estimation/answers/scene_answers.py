@@ -15,7 +15,7 @@ from pwralign_kin.estimation.evidence.confidence import confidence
 from pwralign_kin.estimation.evidence.evidence import gathered
 from pwralign_kin.estimation.evidence.soundness import soundness
 from pwralign_kin.estimation.search.repair import repair
-from pwralign_kin.estimation.search.scene_search import RegionSearch, is_convincing, unlike
+from pwralign_kin.estimation.search.scene_search import RegionSearch, explained_share, is_convincing, unlike
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import LEAST_POINTS
 from pwralign_kin.estimation.sensing.scene import close_up
@@ -61,7 +61,7 @@ class SceneAnswerSearch(AnswerSearch):
             left = unlike(self.comparison, Candidates.concatenate(several), answers, options.apart).best_first()
             if len(left):
                 with self.watch.stage("repair"):
-                    answers.append(self._repaired_one_by_one(seed, left, looked))
+                    answers.append(self._repaired_one_by_one(seed, left, looked, further=attempt > 0))
             best = self._distinct(answers)
             if self._sureness(best) >= options.sure:
                 break
@@ -109,15 +109,19 @@ class SceneAnswerSearch(AnswerSearch):
         look = self._look(seed + self.effort.searches, answer)
         return answer if look is None else self._repaired_in_scene(look)
 
-    def _repaired_one_by_one(self, seed: int, candidates: Candidates, looked: list[Candidates]) -> Candidates:
+    def _repaired_one_by_one(
+        self, seed: int, candidates: Candidates, looked: list[Candidates], *, further: bool
+    ) -> Candidates:
         """Look closely at the leading candidates of a scene, and repair what the best looks found, one by one, until
-        one answer is convincing, or better than repair makes what the others found."""
+        one answer is convincing, or better than repair makes what the others found; in a `further` search the best
+        alone."""
         comparison, options = self.comparison, self.options.scene_search
         looks = sorted(self._looks(seed, candidates, looked), key=lambda look: -look.best.scores[0])
         if not looks:
             return self._distinct([priced(comparison, candidates)])
         several: list[Candidates] = []
-        for look in looks[: max(1, round(options.finalists * self.search.share_tried))]:
+        finalists = 1 if further else max(1, round(options.finalists * self.search.share_tried))
+        for look in looks[:finalists]:
             best = max((float(own.scores[0]) for own in several), default=-np.inf)
             if look.best.scores[0] < best - options.gained:
                 break
@@ -189,8 +193,11 @@ class SceneAnswerSearch(AnswerSearch):
         return Candidates.concatenate([best.take(slice(self.repairing.solutions - 1)), elsewhere.take([0])])
 
     def _sureness(self, solutions: Candidates) -> float:
-        """Return the confidence in the best of several answers to a scene, 0 where it is not sound, or leaves too much
-        of what is near it unexplained."""
-        evidence, options = gathered(self.comparison, solutions.take([0]), solutions), self.options.scene_search
-        alone = 1.0 - evidence.explained <= options.unexplained and evidence.continued <= options.continued
-        return confidence(evidence) if alone and soundness(evidence) >= options.sound else 0.0
+        """Return the confidence in the best of several answers to a scene; 0 where it is neither sound nor explains so
+        much that the model must be there, or leaves too much of what is near it unexplained."""
+        best, options = solutions.take([0]), self.options.scene_search
+        evidence = gathered(self.comparison, best, solutions)
+        if 1.0 - evidence.explained > options.unexplained or evidence.continued > options.continued:
+            return 0.0
+        sound = soundness(evidence) >= options.sound
+        return confidence(evidence) if sound or explained_share(self.comparison, best) >= options.located else 0.0

@@ -24,7 +24,9 @@ class SearchOptions(CheckedOptions):
     scene_hypotheses_per_part: Count = 28
     """The same in each region of a scene, where other things look like parts."""
     roots: Count = 60
-    """Part hypotheses that are grown into whole configurations."""
+    """Part hypotheses that are grown into whole configurations, ..."""
+    roots_close_up: Share = 0.5
+    """... and the share of these that is in what is cut out of a scene, which holds little but the model."""
     many_parts: Natural = 16
     """Models with more parts than this get `more_*` in addition."""
     halvings: Annotated[int, Range(0, 20)] = 3

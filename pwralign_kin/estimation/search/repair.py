@@ -30,6 +30,9 @@ ALL_NEAR, OUTWARD = 14, 10
 grown anew from every part, not from those alone that large limbs begin with."""
 ROOTS = 4
 """Best supported parts, from which the whole model is grown anew."""
+LEAST_SWEPT = 0.001
+"""Share of the model's surface on a joint up to which it is not swept in a scene: of so little there is hardly a point,
+and a robot of many rollers has dozens."""
 HOPEFUL_TURN = 0.6
 """Share of its score from which on a part that was turned over is grown from."""
 
@@ -153,6 +156,8 @@ def repair_moves(
     placements = comparison.part_placements(solution)[0]
     if bad.any() or missing:
         moves += _regrown(search, solution, _Faults(support, bad, missing), options)
+    if (bad.any() or missing) and not search.observation.scene:
+        # In a scene this never won: close looks at what is near an answer have grown all from many such places.
         best = np.argsort(-support * exists * np.sqrt(comparison.weights), kind="stable")[:ROOTS]
         roots = np.array([i for i in best if exists[i]], np.int32)
         moves.append(search.grow(_placed(roots, placements[roots])))
@@ -229,7 +234,8 @@ def _swept(comparison: ScanComparison, solution: Candidates, options: RepairOpti
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
-    every = np.arange(solution.values.shape[1], dtype=np.int32)
+    among_things = comparison.observation.scene or comparison.observation.cut_out
+    every = np.flatnonzero(_hanging(comparison) > (LEAST_SWEPT if among_things else -1.0)).astype(np.int32)
     held = np.flatnonzero(_among_largest(comparison, options.held_limbs)).astype(np.int32)
     first, second = _compound_joints(comparison, comparison.lacks(solution))
     joint = np.concatenate([every, held, first])
@@ -243,12 +249,18 @@ def _swept(comparison: ScanComparison, solution: Candidates, options: RepairOpti
 
 def _among_largest(comparison: ScanComparison, count: int) -> Bools:
     """Return which actuated joints (k,) are among the `count` that most of the model's surface hangs on."""
-    surface = subtrees(comparison.parent) @ (comparison.weights * comparison.exists)
-    hanging = np.zeros(len(comparison.known.values))
-    np.maximum.at(hanging, comparison.model.actuated[1:], surface[1:])
+    hanging = _hanging(comparison)
     chosen = np.zeros(len(hanging), bool)
     chosen[np.argsort(-hanging, kind="stable")[:count]] = True
     return chosen
+
+
+def _hanging(comparison: ScanComparison) -> Array:
+    """Return the share of the model's surface that hangs on each actuated joint (k,)."""
+    surface = subtrees(comparison.parent) @ (comparison.weights * comparison.exists)
+    hanging = np.zeros(len(comparison.known.values))
+    np.maximum.at(hanging, comparison.model.actuated[1:], surface[1:])
+    return hanging
 
 
 def _compound_joints(comparison: ScanComparison, lacking: Bools) -> tuple[Ints, Ints]:

@@ -38,7 +38,9 @@ class SceneSearchOptions(CheckedOptions):
     at most, and 0.25 where a real sensor widens outlines."""
     sound: NotNegative = 0.3
     """Soundness of a repaired answer from which on no further search is worth it: 7 of 20 below were right, 13 of 15
-    from here to 0.5."""
+    from here to 0.5, ..."""
+    located: NotNegative = 0.3
+    """... or the share that it explains: limbs of it may be wrong, but the model is not elsewhere."""
     sure: NotNegative = 0.5
     """Confidence below which another close look at the answer is worth it however sound it is, and then, where that
     does not make it sure, a further search."""
@@ -81,7 +83,7 @@ class SceneSearchOptions(CheckedOptions):
     focus: NotNegative = 0.35
     """... with the points this near (model diagonals) to each of them."""
     finalists: Count = 2
-    """Looks, the best, whose answers are repaired, until one is convincing, ..."""
+    """Looks, the best, of a further search one, whose answers are repaired, until one is convincing, ..."""
     gained: NotNegative = 0.15
     """... as long as what repair gains of the scores lets the next overtake it, ..."""
     rounds: Natural = 2
@@ -199,10 +201,16 @@ def _promising(search: TreeSearch, options: SceneSearchOptions, hypotheses: Hypo
 
 def is_convincing(comparison: ScanComparison, candidate: Candidates, options: SceneSearchOptions) -> bool:
     """Return whether one configuration explains so much of the model and around it that no other is worth a search."""
-    explained = float(comparison.coverage(candidate)[0]) * comparison.coverage_scale
-    if explained < options.convincing or comparison.unexplained(candidate) > options.unexplained:
+    if explained_share(comparison, candidate) < options.convincing:
+        return False
+    if comparison.unexplained(candidate) > options.unexplained:
         return False
     return continued(comparison, candidate) <= options.continued
+
+
+def explained_share(comparison: ScanComparison, candidate: Candidates) -> float:
+    """Return the share of what the model usually shows that one configuration explains."""
+    return float(comparison.coverage(candidate)[0]) * comparison.coverage_scale
 
 
 def unlike(comparison: ScanComparison, candidates: Candidates, others: list[Candidates], distance: float) -> Candidates:

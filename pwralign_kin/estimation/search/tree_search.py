@@ -117,8 +117,7 @@ class TreeSearch:
         """Return the hypotheses worth growing, best first, at most `count`."""
         # A large part explains more: its hypotheses deserve more trials.
         rank = -hypotheses.scores * self.comparison.weights[hypotheses.parts] ** 0.3
-        count = count or self.options.roots + self.many * self.options.more_roots
-        return hypotheses.take(np.argsort(rank, kind="stable")[:count])
+        return hypotheses.take(np.argsort(rank, kind="stable")[: count or self._roots])
 
     def rivalling(self, hypotheses: Hypotheses, answer: Candidates, margin: float) -> Bools:
         """Return which hypotheses (m,) may lead to another answer that is as good: they place their part elsewhere than
@@ -178,6 +177,11 @@ class TreeSearch:
     def share_tried(self) -> float:
         """Share of what is tried for a model of few parts: time grows with the number of parts."""
         return min(1.0, self.options.many_parts / len(self.comparison.exists))
+
+    @property
+    def _roots(self) -> int:
+        roots = self.options.roots + self.many * self.options.more_roots
+        return max(1, round(self.options.roots_close_up * roots)) if self.observation.cut_out else roots
 
     @property
     def _per_part(self) -> int:

@@ -21,8 +21,9 @@ from pwralign_kin.estimation.search.region_of_interest import Ball, path_between
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.se3 import Array, transform
 
-LIMB = (0.08, 0.7)
-"""Least and largest share of the model's surface in a limb that is doubted as a whole, ..."""
+LIMB, OTHER_LIMB = (0.08, 0.7), 0.03
+"""Least and largest share of the model's surface in a limb that is doubted as a whole, what of it two limbs must not
+share, ..."""
 KEPT = 4
 """... and how many ways to hold it are kept of the best, and of those that change most."""
 
@@ -132,11 +133,17 @@ def limbs_voted(search: TreeSearch, solution: Candidates, options: VoteOptions, 
 
 
 def _limbs(comparison: ScanComparison) -> list[Bools]:
-    """Return the parts (parts,) with surface on either side of each joint where they are a limb, each set once."""
+    """Return the parts (parts,) with surface on either side of each joint where they are a limb, the largest first; of
+    limbs that are nearly the same, the largest."""
     below = subtrees(comparison.parent)[1:]
-    limbs = np.unique(np.concatenate([below, ~below]) & comparison.exists, axis=0)
-    shares = limbs @ comparison.weights
-    return list(limbs[(shares > LIMB[0]) & (shares < LIMB[1])])
+    sides = np.unique(np.concatenate([below, ~below]) & comparison.exists, axis=0)
+    shares = sides @ comparison.weights
+    limbs: list[Bools] = []
+    for i in np.argsort(-shares, kind="stable"):
+        new = all((sides[i] ^ limb) @ comparison.weights > OTHER_LIMB for limb in limbs)
+        if LIMB[0] < shares[i] < LIMB[1] and new:
+            limbs.append(sides[i])
+    return limbs
 
 
 def _ends(comparison: ScanComparison, right: Bools, wrong: Bools) -> tuple[Ints, Ints]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,6 +82,48 @@ def test_an_answer_that_is_doubted_is_looked_at_again_before_another_search(
     monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.confidence", lambda _: next(chances, 1.0))
     pk.estimate(excavator, scene.scan)
     assert told == ["search", "look"]
+
+
+@pytest.mark.parametrize(("located", "searches"), [(0.0, 1), (9.0, 2)])
+def test_an_answer_that_is_not_sound_but_explains_much_is_not_looked_for_elsewhere(
+    excavator: pk.ArticulatedModel,
+    scene: SimulatedScan,
+    monkeypatch: pytest.MonkeyPatch,
+    located: float,
+    searches: int,
+) -> None:
+    searched, repaired = [], []
+    candidates, repair = RegionSearch.candidates, SceneAnswerSearch._repaired_in_scene
+
+    def counted(own: RegionSearch, seed: int, outside: Hypotheses, *, further: bool) -> Candidates | None:
+        searched.append(further)
+        return candidates(own, seed, outside, further=further)
+
+    def repairing(own: SceneAnswerSearch, look: Any) -> Candidates:
+        repaired.append(len(searched))
+        return repair(own, look)
+
+    monkeypatch.setattr(RegionSearch, "candidates", counted)
+    monkeypatch.setattr(SceneAnswerSearch, "_repaired_in_scene", repairing)
+    monkeypatch.setattr(SceneAnswerSearch, "_looked_at_again", lambda own, seed, answer: answer)
+    monkeypatch.setattr("pwralign_kin.estimation.answers.scene_answers.soundness", lambda _: 0.0)
+    options = pk.EstimatorOptions(scene_search=SceneSearchOptions(located=located), threads=2)
+    pk.estimate(excavator, scene.scan, options=options)
+    assert len(searched) == searches
+    assert repaired.count(2) <= 1  # of a further search only the best look is repaired
+
+
+def test_what_is_near_an_answer_is_searched_from_fewer_places(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan
+) -> None:
+    ready = observed(excavator, scene.scan)
+    comparison = comparing(excavator, ready)
+    true = true_and_moved(excavator, scene, ready).take([0])
+    answers = SceneAnswerSearch(excavator, TreeSearch(comparison), pk.EstimatorOptions(threads=2), None, Stopwatch())
+    closely = answers._closely(comparison.about(true, SceneSearchOptions().focus)).search
+    several = Hypotheses(np.zeros(500, np.int32), np.tile(np.eye(4), (500, 1, 1)), np.zeros(500, np.float32))
+    usual = len(TreeSearch(comparison).promising(several).parts)
+    assert len(closely.promising(several).parts) == round(usual * comparison.options.roots_close_up) < usual
 
 
 def test_another_look_at_an_answer_finds_the_limbs_that_are_wrong(

@@ -6,16 +6,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from searched_scenes import comparing, observed, true_and_moved
 
 import pwralign_kin as pk
 from pwralign_kin.estimation.comparison.candidates import Candidates
 from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, Sought
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
-from pwralign_kin.estimation.search.repair import RepairOptions, _across, _worth_repair, repair_moves
+from pwralign_kin.estimation.search.hypotheses import Hypotheses
+from pwralign_kin.estimation.search.repair import (
+    RepairOptions,
+    _across,
+    _hanging,
+    _worth_repair,
+    repair_moves,
+)
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
+from pwralign_kin.simulation import SimulatedScan
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +79,39 @@ def test_fewer_solutions_of_models_of_many_parts_are_repaired(
     options = RepairOptions()
     assert _worth_repair(search, solutions, options, 0) == early
     assert _worth_repair(search, solutions, options, options.early_rounds) == late
+
+
+@pytest.mark.parametrize("among_things", [True, False])
+def test_in_a_scene_nothing_is_grown_from_single_parts_or_swept_that_has_hardly_surface(
+    excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch, among_things: bool
+) -> None:
+    ready = observed(excavator, scene.scan)
+    comparison = comparing(excavator, ready)
+    aside = true_and_moved(excavator, scene, ready).take([1])
+    if not among_things:
+        own = pk.simulate(excavator, scene.state, seed=1).scan
+        alone = observe(own, excavator.diagonal, ObservationOptions(), 2)
+        comparison, aside = comparing(excavator, alone), true_and_moved(excavator, scene, alone).take([1])
+    swept: list[int] = []
+    grown: list[int] = []
+    sweep, grow = ScanComparison.swept, TreeSearch.grow
+
+    def sweeping(own: ScanComparison, solution: Candidates, joint: np.ndarray, *args: object) -> Candidates:
+        swept.extend(joint.tolist())
+        return sweep(own, solution, joint, *args)  # type: ignore[arg-type]
+
+    def growing(own: TreeSearch, hypotheses: Hypotheses, keep: int = 1) -> Candidates:
+        grown.append(len(hypotheses.parts))
+        return grow(own, hypotheses, keep)
+
+    monkeypatch.setattr(ScanComparison, "swept", sweeping)
+    monkeypatch.setattr(TreeSearch, "grow", growing)
+    hanging = _hanging(comparison)
+    least = int(np.argmin(hanging))
+    monkeypatch.setattr("pwralign_kin.estimation.search.repair.LEAST_SWEPT", 1.001 * float(hanging[least]))
+
+    options = RepairOptions(held_limbs=0)
+    assert repair_moves(TreeSearch(comparison), aside, options, 0, foremost=True, turn=False) is not None
+
+    assert (least in swept) != among_things and set(swept) | {least} == set(range(len(hanging)))
+    assert bool(grown) != among_things
