@@ -65,7 +65,7 @@ def reported(searched: SearchedScan, judged: Judged, equal: Candidates, options:
             Alternative(
                 state_of(model, observation, base, values),
                 -float(score),
-                bool(finished.scores[0] - score < EQUAL),
+                bool(abs(finished.scores[0] - score) < EQUAL),
             )
             for base, values, score in zip(others.bases, others.values, others.scores, strict=True)
         ),

@@ -138,7 +138,8 @@ def _within_picture(estimator: Estimator, searched: SearchedScan, estimate: Esti
 
 
 def _beside_surroundings(estimator: Estimator, searched: SearchedScan, estimate: Estimate) -> Answer:
-    """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, and return the better.
+    """Look again at a scan whose `estimate` leaves a patch of its surroundings unexplained, or may lie in it; return
+    the better.
 
     The patch draws parts of the model to it, or all of it, and passes for a sign that something else was scanned.
     """

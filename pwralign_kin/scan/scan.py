@@ -44,6 +44,7 @@ class Scan(ReadOnly):
         sensor_origin: None (unknown), (3,) for one viewpoint, or (n, 3) aligned with `points` for fused
             scans; m.
         camera: the depth camera of a scan made by `from_depth`, else None.
+        rescaled: whether its lengths were multiplied since: whoever did that knew their unit.
         source: the file, or a word for the array; error messages begin with it.
         n_input: number of points given.
         source_index: (n,) index of each kept point among the points given.
@@ -55,6 +56,7 @@ class Scan(ReadOnly):
     normals: Array | None
     sensor_origin: Array | None
     camera: DepthCamera | None
+    rescaled: bool
     source: str
     n_input: int
     source_index: NDArray[np.int64]
@@ -94,6 +96,7 @@ class Scan(ReadOnly):
             n_input=len(given),
             dropped={"non_finite": len(given) - int(finite.sum()), "duplicate": int(finite.sum()) - len(kept)},
             camera=None,
+            rescaled=False,
         )
         self._keep(
             kept,
@@ -199,13 +202,17 @@ class Scan(ReadOnly):
         if not isinstance(factor, Real) or not 0.0 < factor < np.inf:
             raise ScanError(self.source, f"lengths are multiplied by a positive number, not {factor!r}")
         origin = None if self.sensor_origin is None else factor * self.sensor_origin
-        return self._derived(np.arange(len(self.points)), factor * self.points, origin)
+        scan = self._derived(np.arange(len(self.points)), factor * self.points, origin)
+        scan._set(rescaled=True)
+        return scan
 
     def mirrored(self, axis: Literal["x", "y", "z"] = "z") -> Scan:
         """Return the mirror image of the scan, with the sign of `axis` turned; it loses its depth camera.
 
-        Of left-handed coordinates it makes right-handed ones.
+        Of left-handed coordinates it makes right-handed ones. Raises `ScanError` for another axis.
         """
+        if axis not in ("x", "y", "z"):
+            raise ScanError(self.source, f"it is mirrored along x, y or z, not {axis!r}")
         mirror = np.where(np.array(["x", "y", "z"]) == axis, -1.0, 1.0)
         origin = None if self.sensor_origin is None else mirror * self.sensor_origin
         scan = self._derived(np.arange(len(self.points)), mirror * self.points, origin)
@@ -306,7 +313,7 @@ class Scan(ReadOnly):
 
     def _derived(self, kept: NDArray[np.int64], points: Array, origin: Array | None) -> Scan:
         scan = object.__new__(Scan)
-        scan._set(source=self.source, n_input=self.n_input, dropped=self.dropped, camera=None)
+        scan._set(source=self.source, n_input=self.n_input, dropped=self.dropped, camera=None, rescaled=self.rescaled)
         scan._keep(kept, points, origin, self.normals)
         scan._set(source_index=self.source_index[kept])
         return scan

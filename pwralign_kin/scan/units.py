@@ -105,9 +105,10 @@ def units_of_it_alone(scan: Scan, model_diagonal: float) -> tuple[str, ...]:
 
 
 def note_of_unit(scan: Scan, model_diagonal: float) -> None:
-    """Log in which other unit a scan in m, in which nothing was found for sure, would be of the model alone."""
+    """Log in which other unit a scan in m, in which nothing was found for sure, would be of the model alone; not where
+    its unit is known."""
     likely = units_of_it_alone(scan, model_diagonal)
-    if likely and scan.camera is None:
+    if likely and scan.camera is None and not scan.rescaled:
         logger.info(
             "%s: it was searched as a scene %.1f times as large as the model; if it is in %s, it may be of the model "
             "alone: units=%r / --units %s",

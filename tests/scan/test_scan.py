@@ -173,6 +173,8 @@ def test_mirrored_turns_the_sign_of_z_throughout() -> None:
 
 def test_mirrored_turns_the_axis_that_is_named() -> None:
     assert np.allclose(Scan(cloud()).mirrored("x").points, cloud() * [-1.0, 1.0, 1.0])
+    with pytest.raises(ScanError, match="mirrored along x, y or z, not 'X'"):
+        Scan(cloud()).mirrored("X")  # type: ignore[arg-type]
 
 
 def test_cropped_keeps_the_points_in_the_box_and_their_indices() -> None:

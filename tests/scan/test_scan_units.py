@@ -151,3 +151,12 @@ def test_nothing_is_noted_of_a_depth_image_or_where_no_other_unit_fits(caplog: p
         note_of_unit(image, DIAGONAL)
         note_of_unit(Scan(surface(12.0 * DIAGONAL, 600)), DIAGONAL)
     assert not caplog.text
+
+
+def test_no_other_unit_is_noted_of_a_scan_whose_unit_was_told(caplog: pytest.LogCaptureFixture) -> None:
+    scan = Scan(surface(3300.0 * DIAGONAL, 5000)).scaled(1e-3)
+    assert units_of_it_alone(scan, DIAGONAL)
+    with caplog.at_level(logging.INFO, logger="pwralign_kin"):
+        note_of_unit(scan, DIAGONAL)
+        note_of_unit(scan.cropped([-1e9] * 3, [1e9] * 3), DIAGONAL)
+    assert not caplog.text

@@ -89,7 +89,8 @@ class SceneAnswerSearch(AnswerSearch):
     def finished(self, found: Found) -> Candidates:
         """Finish what was found; of near-ties that one comes first that explains more and is clearly the likeliest.
 
-        Scores also speak for answers of which little is in sight: nothing contradicts these.
+        Scores also speak for answers of which little is in sight: nothing contradicts these. The lead in score that is
+        part of the chances is that of the first for all: it is what is in question.
         """
         finished, comparison = super().finished(found), found.comparison
         explained = comparison.coverage(finished)
@@ -190,7 +191,7 @@ class SceneAnswerSearch(AnswerSearch):
         elsewhere = unlike(self.comparison, together, [best.take([0])], self.options.scene_search.apart)
         if len(elsewhere) == 0 or len(unlike(self.comparison, best, [best.take([0])], self.options.scene_search.apart)):
             return best
-        return Candidates.concatenate([best.take(slice(self.repairing.solutions - 1)), elsewhere.take([0])])
+        return Candidates.concatenate([best.take(slice(max(1, self.repairing.solutions - 1))), elsewhere.take([0])])
 
     def _sureness(self, solutions: Candidates) -> float:
         """Return the confidence in the best of several answers to a scene; 0 where it is neither sound nor explains so

@@ -81,7 +81,7 @@ def point_likelihoods(comparison: ScanComparison, candidate: Candidates) -> tupl
 def ahead_of_mirrored(answer: tuple[ScanComparison, Candidates], image: tuple[ScanComparison, Candidates]) -> float:
     """Return by how much an answer (one) to a scan ranks above one to its mirror image, each by its own comparison.
 
-    Likelihoods compare by one and the same noise only: that which the better leaves.
+    Likelihoods compare by one and the same noise only: that which the better leaves, unless that of its scan is more.
     """
     residual = min(comparison.residual(candidate) for comparison, candidate in (answer, image))
 

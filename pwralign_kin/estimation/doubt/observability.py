@@ -46,8 +46,8 @@ NO_SUPPORT = 0.15
 NO_LIKELIHOOD = 5.0
 """... and logarithm of the likelihood of all scan points, ..."""
 NO_SURFACE = 0.005
-"""... and, in scans of the model from all sides, mean logarithm of that by the surface that is seen, where a part hangs
-on it that holds points: surface in sight that has none speaks against the joint."""
+"""... and, in scans of the model from all sides, mean logarithm of that by the surface that is seen, where a part that
+moves with it holds points: surface in sight that has none speaks against the joint."""
 BETTER = 3.0
 """Log-likelihood by which another value must be better than the one found, by the likelihood of all points."""
 CHOICES = 2
@@ -192,10 +192,10 @@ def _at_prior(
     likelihood = finest(comparison, choices.take([0, best])) * len(comparison.observation.given)
     if likelihood[1] < likelihood[0] - NO_LIKELIHOOD:
         return base, values
-    hanging = (before != after).any(axis=(1, 2))
+    moving = (before != after).any(axis=(1, 2)) == (best == 1)
     of_all_sides = not (comparison.observation.single_view or comparison.observation.scene)
     # What holds no points may be anywhere.
-    if of_all_sides and (counts[hanging] >= LEAST_POINTS).any():
+    if of_all_sides and (counts[moving] >= LEAST_POINTS).any():
         shown = mean_log_likelihoods(solver, choices.take([0, best]))
         if shown[1] < shown[0] - NO_SURFACE:
             return base, values

@@ -33,7 +33,7 @@ MODES, RIVALS = 3, 8
 CONTINUED_MORE = 0.2
 """A better rival of which this share more of the edges is continued is none."""
 SPARSE_PROBES = 200
-"""Samples of each part by which points that are far apart are near it."""
+"""Samples of each part, at most, by which points that are far apart are near it."""
 PROBES = 40
 """Samples of each part that are compared."""
 BLUR, REACH = 0.012, BAND
@@ -206,7 +206,7 @@ def _near(comparison: ScanComparison, final: Candidates, distance: Singles) -> B
 
     tree = cKDTree(comparison.probe_positions(final, SPARSE_PROBES)[0])
     away = tree.query(observation.points, distance_upper_bound=observation.spacing)[0]
-    return np.asarray(np.isfinite(away))
+    return np.asarray((distance < comparison.options.near) | np.isfinite(away))
 
 
 def ahead_of(score: Singles, others: Singles) -> float:

@@ -15,7 +15,7 @@ from pwralign_kin.estimation.refinement.problem import Solution
 from pwralign_kin.se3 import Array
 
 MOST_POINTS, MOST_SAMPLES = 600, 600
-"""Scan points, and samples of the model's surface, that are looked at."""
+"""Scan points, and samples of the model's surface, that are looked at, at most."""
 LEAST_SAMPLES = 8
 """Of each part, however small, at least."""
 LEAST_POINTS = 50
@@ -162,7 +162,8 @@ def _near(solver: JointLeastSquares, base: Array, values: Array) -> Ints:
 
 
 def _samples(comparison: ScanComparison) -> tuple[Ints, Array, Array]:
-    """Return samples of the model's surface, spread evenly: their parts (n,), places (n, 3) and normals (n, 3)."""
+    """Return samples of the model's surface, by area as far as parts have so many: the part (n,), place (n, 3) and
+    normal (n, 3) of each."""
     shares = comparison.areas * comparison.exists / comparison.areas[comparison.exists].sum()
     counts = np.maximum(LEAST_SAMPLES, np.round(MOST_SAMPLES * shares)).astype(int) * comparison.exists
     several = [

@@ -30,9 +30,6 @@ ALL_NEAR, OUTWARD = 14, 10
 grown anew from every part, not from those alone that large limbs begin with."""
 ROOTS = 4
 """Best supported parts, from which the whole model is grown anew."""
-LEAST_SWEPT = 0.001
-"""Share of the model's surface on a joint up to which it is not swept in a scene: of so little there is hardly a point,
-and a robot of many rollers has dozens."""
 HOPEFUL_TURN = 0.6
 """Share of its score from which on a part that was turned over is grown from."""
 
@@ -131,7 +128,9 @@ def _worth_repair(search: TreeSearch, solutions: Candidates, options: RepairOpti
         return 1
     near = solutions.scores >= solutions.scores[0] - options.margin * _scale(solutions)
     most = options.solutions if round_ < options.early_rounds else options.late_solutions
-    return min(int(near.sum()), max(1, round(most * search.share_tried)))
+    # Among other things the right answer may be behind several that lie in these.
+    share = 1.0 if comparison.observation.scene or comparison.observation.cut_out else search.share_tried
+    return min(int(near.sum()), max(1, round(most * share)))
 
 
 def _scale(solutions: Candidates) -> float:
@@ -234,8 +233,7 @@ def _swept(comparison: ScanComparison, solution: Candidates, options: RepairOpti
 
     A growing beam takes what matches best; only whole configurations tell that a part is where it is hardly seen.
     """
-    among_things = comparison.observation.scene or comparison.observation.cut_out
-    every = np.flatnonzero(_hanging(comparison) > (LEAST_SWEPT if among_things else -1.0)).astype(np.int32)
+    every = np.flatnonzero(_hanging(comparison) > 0.0).astype(np.int32)
     held = np.flatnonzero(_among_largest(comparison, options.held_limbs)).astype(np.int32)
     first, second = _compound_joints(comparison, comparison.lacks(solution))
     joint = np.concatenate([every, held, first])

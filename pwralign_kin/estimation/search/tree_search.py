@@ -114,7 +114,7 @@ class TreeSearch:
         return Hypotheses.concatenate(found)
 
     def promising(self, hypotheses: Hypotheses, count: int | None = None) -> Hypotheses:
-        """Return the hypotheses worth growing, best first, at most `count`."""
+        """Return the hypotheses worth growing, best first, at most `count`; by default as many as a search grows."""
         # A large part explains more: its hypotheses deserve more trials.
         rank = -hypotheses.scores * self.comparison.weights[hypotheses.parts] ** 0.3
         return hypotheses.take(np.argsort(rank, kind="stable")[: count or self._roots])

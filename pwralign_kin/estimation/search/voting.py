@@ -140,8 +140,9 @@ def _limbs(comparison: ScanComparison) -> list[Bools]:
     shares = sides @ comparison.weights
     limbs: list[Bools] = []
     for i in np.argsort(-shares, kind="stable"):
-        new = all((sides[i] ^ limb) @ comparison.weights > OTHER_LIMB for limb in limbs)
-        if LIMB[0] < shares[i] < LIMB[1] and new:
+        if not LIMB[0] < shares[i] < LIMB[1]:
+            continue
+        if all((sides[i] ^ limb) @ comparison.weights > OTHER_LIMB for limb in limbs):
             limbs.append(sides[i])
     return limbs
 

@@ -14,13 +14,8 @@ from pwralign_kin.estimation.comparison.scan_comparison import ScanComparison, S
 from pwralign_kin.estimation.comparison.search_options import SearchOptions
 from pwralign_kin.estimation.knowledge.prior import SearchPrior
 from pwralign_kin.estimation.search.hypotheses import Hypotheses
-from pwralign_kin.estimation.search.repair import (
-    RepairOptions,
-    _across,
-    _hanging,
-    _worth_repair,
-    repair_moves,
-)
+from pwralign_kin.estimation.search.region_of_interest import subtrees
+from pwralign_kin.estimation.search.repair import RepairOptions, _across, _worth_repair, repair_moves
 from pwralign_kin.estimation.search.tree_search import TreeSearch
 from pwralign_kin.estimation.sensing.observation import ObservationOptions
 from pwralign_kin.estimation.sensing.preparation import observe
@@ -82,7 +77,7 @@ def test_fewer_solutions_of_models_of_many_parts_are_repaired(
 
 
 @pytest.mark.parametrize("among_things", [True, False])
-def test_in_a_scene_nothing_is_grown_from_single_parts_or_swept_that_has_hardly_surface(
+def test_in_a_scene_nothing_is_grown_from_single_parts_and_nowhere_swept_what_has_no_surface(
     excavator: pk.ArticulatedModel, scene: SimulatedScan, monkeypatch: pytest.MonkeyPatch, among_things: bool
 ) -> None:
     ready = observed(excavator, scene.scan)
@@ -106,12 +101,12 @@ def test_in_a_scene_nothing_is_grown_from_single_parts_or_swept_that_has_hardly_
 
     monkeypatch.setattr(ScanComparison, "swept", sweeping)
     monkeypatch.setattr(TreeSearch, "grow", growing)
-    hanging = _hanging(comparison)
-    least = int(np.argmin(hanging))
-    monkeypatch.setattr("pwralign_kin.estimation.search.repair.LEAST_SWEPT", 1.001 * float(hanging[least]))
+    joints = len(comparison.known.values)
+    bare = comparison.exists & ~subtrees(comparison.parent)[1]  # the first part on a joint has no surface
+    monkeypatch.setattr(comparison, "exists", bare)
 
     options = RepairOptions(held_limbs=0)
     assert repair_moves(TreeSearch(comparison), aside, options, 0, foremost=True, turn=False) is not None
 
-    assert (least in swept) != among_things and set(swept) | {least} == set(range(len(hanging)))
+    assert set(swept) == set(range(joints)) - {int(comparison.model.actuated[1])}
     assert bool(grown) != among_things
