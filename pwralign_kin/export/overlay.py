@@ -53,10 +53,12 @@ def write_overlay(
     """Write a PNG: two views of the posed model and the scan points, figures, and the parts' colours.
 
     Parts whose joint the scan does not tell are hatched; where most of the scan is of other things, a small
-    picture shows all of it. `up` (3,) points upwards in the pictures, scan frame.
+    picture shows all of it. The first view is from the sensor, if the estimate believes where that was. `up` (3,)
+    points upwards in the pictures, scan frame.
     """
     from PIL import Image
 
+    scan = scan if estimate.viewpoint_known else scan.without_sensor_origin()
     points = drawable(scan, mesh)
     views = default_views(mesh, points, size=(500, 500), up=up)
     sizes = _panel_sizes(mesh, views)

@@ -155,6 +155,17 @@ def test_the_legend_names_what_there_is_and_doubts(
     assert doubted == moved
 
 
+@pytest.mark.parametrize("believed", [True, False])
+def test_a_view_is_from_the_sensor_only_where_the_estimate_believes_in_its_place(
+    bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, written: list[str], believed: bool
+) -> None:
+    found, scan, _ = case
+    seen = scan.with_sensor_origin(scan.box[1] + 2.0 * scan.diagonal)
+    mesh, up = posed_mesh(bot, found.state), np.array([0.0, 0.0, 1.0])
+    overlay.write_overlay(tmp_path / "a.png", bot, replace(found, viewpoint_known=believed), mesh, seen, up)
+    assert any("seen from the sensor" in text for text in written) == believed
+
+
 def test_an_inset_shows_the_whole_scan_of_a_scene(
     bot: ArticulatedModel, case: tuple[Estimate, Scan, np.ndarray], tmp_path: Path, written: list[str]
 ) -> None:
