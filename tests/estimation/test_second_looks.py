@@ -208,7 +208,9 @@ def test_a_doubtful_answer_in_what_may_be_the_model_in_feet_is_noted(
     repository: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     model = pk.ArticulatedModel.from_urdf(repository / "robots/laptop/laptop.urdf")
-    scan = pk.Scan(pk.Scan.load(repository / "robots/laptop/scans/single.ply").points / 0.3048)
+    metric = pk.Scan.load(repository / "robots/laptop/scans/single.ply")
+    assert metric.sensor_origin is not None
+    scan = pk.Scan(metric.points / 0.3048, sensor_origin=metric.sensor_origin / 0.3048)
     with caplog.at_level(logging.INFO, logger="pwralign_kin"):
         estimate = pk.estimate(model, scan, options=pk.EstimatorOptions(effort="fast"))
     assert estimate.confidence < 0.7 and "--units ft" in caplog.text
