@@ -269,8 +269,7 @@ void bind_search(nb::module_ &m) {
         auto found = unlocked([&] { return self.sweep(from, tasks, keep, behind); });
         return write_configurations(self.model, found);
     },
-             "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a,
-             "behind"_a);
+             "bases"_a, "values"_a, "configuration"_a, "joint"_a, "base_moves"_a, "with_joint"_a, "keep"_a, "behind"_a);
     type.def("score",
              [](const Search &self, Placements bases, Matrix values, int points,
                 const std::vector<float> &coverage_distances) {
